@@ -45,17 +45,18 @@ Action = Callable[[], object]
 
 
 def date_at(epoch: datetime, time: int) -> datetime:
-    """The date (UTC) at `time` (ns) of a clock whose time 0 is `epoch`. Raises OverflowError beyond the year 9999."""
+    """Return the date (UTC) at `time` (ns) of a clock whose time 0 is `epoch`. Raises
+    OverflowError beyond the year 9999."""
     return epoch.astimezone(UTC) + timedelta(microseconds=time // 1000)
 
 
 def date_text(date: datetime) -> str:
-    """A date as text: ``2026-03-01T12:00:00Z``."""
+    """Return a date as text: ``2026-03-01T12:00:00Z``."""
     return date.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
 def parse_epoch(text: str) -> datetime:
-    """The date of time 0 in a text: ISO 8601, or ``now``. Raises ValueError."""
+    """Return the date of time 0 in a text: ISO 8601, or ``now``. Raises ValueError."""
     if text.strip() == "now":
         return datetime.now(UTC).replace(microsecond=0)
     date = parse_datetime(text)
@@ -138,7 +139,8 @@ class Scheduler:
         return self.at(self.now, action, kind)
 
     def worker(self, name: str) -> Worker:
-        """A worker for what would stop the scheduler for too long. `name` is shown for its thread, if it has one."""
+        """Return a worker for what would stop the scheduler for too long. `name` is shown for its
+        thread, if it has one."""
         return Worker()
 
     def next_time(self) -> int | None:

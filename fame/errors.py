@@ -24,7 +24,7 @@ NOT_KNOWN = 3
 
 
 def display_name(id: str, name: str = "") -> str:
-    """An element as messages show it: ``"Go To" (Activity_14nkpvd)``, or the id alone if it has no name."""
+    """Return an element as messages show it: ``"Go To" (Activity_14nkpvd)``, or the id alone if it has no name."""
     name = " ".join(name.split())
     return f'"{name}" ({id})' if name and name != id else id
 
@@ -85,7 +85,7 @@ class ModelError(_Located):
 
     @classmethod
     def at(cls, element: NamedElement, text: str, *, file: str) -> ModelError:
-        """The error of an element of a file."""
+        """Return the error of an element of a file."""
         return cls(text, file=file, line=element.line, element=element.id, name=element.name)
 
 
@@ -132,7 +132,7 @@ class MissionError(FameError):
         super().__init__(": ".join(part for part in (robot, where, self.text) if part))
 
     def to_json(self) -> dict[str, str | int]:
-        """All but the robot, fit for JSON."""
+        """Return all but the robot, fit for JSON."""
         return {key: getattr(self, key) for key in ("code", "element", "file", "line", "text")}
 
 

@@ -27,7 +27,7 @@ def _other(value: Any) -> Any:
 
 
 def json_value(data: bytes | str) -> Any:
-    """The value of JSON, for readers to which all large numbers are floating point. Raises ValueError."""
+    """Return the value of JSON, for readers to which all large numbers are floating point. Raises ValueError."""
     if orjson is not None:
         with suppress(ValueError):  # numbers and texts that Python's JSON alone has
             return orjson.loads(data)

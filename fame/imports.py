@@ -46,7 +46,7 @@ def require(package: str) -> None:
 
 @cache
 def fame_version() -> str:
-    """The version of FAME; empty where it is not installed."""
+    """Return the version of FAME; empty where it is not installed."""
     try:
         return version("fame-robots")
     except PackageNotFoundError:

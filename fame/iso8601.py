@@ -119,7 +119,7 @@ class Cycle:
 
 @lru_cache(256)
 def parse_duration(text: str) -> Duration:
-    """The duration that `text` says, such as ``PT1.5S``, ``P1W`` or ``P1Y2M3DT4H``.
+    """Return the duration that `text` says, such as ``PT1.5S``, ``P1W`` or ``P1Y2M3DT4H``.
 
     The last part may have a fraction, unless it is years or months; it is rounded to the nanosecond.
     """
@@ -145,7 +145,7 @@ def parse_duration(text: str) -> Duration:
 
 
 def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:
-    """The date and time that `text` says, such as ``2026-01-31T12:00:00Z`` or ``20260131T130000,5+0100``.
+    """Return the date and time that `text` says, such as ``2026-01-31T12:00:00Z`` or ``20260131T130000,5+0100``.
 
     One without time zone is in `zone`, one without time of day at midnight; digits beyond microseconds are dropped.
     A zone may be named behind it, as in FEEL: ``2026-01-31T12:00:00@Europe/Berlin``.
@@ -163,8 +163,9 @@ def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:
 
 
 def parse_cycle(text: str, zone: tzinfo = UTC) -> Cycle:
-    """The cycle that `text` says: ``R/PT10S``, ``R3/PT10S``, with a start ``R3/2026-01-01T00:00:00Z/PT1H``, with an end
-    ``R3/PT1H/2026-01-01T00:00:00Z``, or between a first and a second date. Dates without time zone are in `zone`."""
+    """Return the cycle that `text` says: ``R/PT10S``, ``R3/PT10S``, with a start
+    ``R3/2026-01-01T00:00:00Z/PT1H``, with an end ``R3/PT1H/2026-01-01T00:00:00Z``, or between a first and a
+    second date. Dates without time zone are in `zone`."""
     text = text.strip()
     match = re.fullmatch(r"R([0-9]{0,15})/([^/]+)(?:/([^/]+))?", text)
     if match is None:
@@ -206,7 +207,7 @@ def nanoseconds_between(start: datetime, end: datetime) -> int:
 
 
 def zone_named(name: str) -> tzinfo:
-    """The time zone of that name, such as ``Europe/Berlin``. Raises ValueError."""
+    """Return the time zone of that name, such as ``Europe/Berlin``. Raises ValueError."""
     from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
     try:

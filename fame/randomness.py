@@ -11,12 +11,13 @@ SEEDS = 2**32
 
 
 def robot_random(seed: int, robot: str) -> Random:
-    """The random numbers of a robot: the same for the same seed, in any process, and different for each robot."""
+    """Return the random numbers of a robot: the same for the same seed, in any process, and
+    different for each robot."""
     return Random(f"{seed} robot {robot}")
 
 
 def new_seed() -> int:
-    """A seed from the randomness of the operating system."""
+    """Return a seed from the randomness of the operating system."""
     return SystemRandom().randrange(SEEDS)
 
 

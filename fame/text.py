@@ -19,7 +19,7 @@ NAMES = "letters, digits and _, not starting with a digit"
 
 
 def read_json(text: str, longest: int = 1_000_000, load: Callable[[str], Any] = json.loads) -> Any:
-    """The value of a text from elsewhere, whose size (characters) and depth are checked before `load` makes it.
+    """Return the value of a text from elsewhere, whose size (characters) and depth are checked before `load` makes it.
 
     Raises ValueError; never RecursionError, here or where the value is walked.
     """
@@ -46,7 +46,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
 
 
 def is_deep(text: str, depth: int = DEPTH) -> bool:
-    """Whether lists and objects of a JSON text are nested deeper than this, or its brackets do not match.
+    """Return whether lists and objects of a JSON text are nested deeper than this, or its brackets do not match.
 
     A text with fewer brackets cannot be; whoever reads it finds out whether they match.
     """
@@ -61,7 +61,8 @@ def is_deep(text: str, depth: int = DEPTH) -> bool:
 
 
 def printable(text: str) -> str:
-    r"""A text on one line: what is not printable (escape sequences, line ends, marks of direction) as in ``\x1b``.
+    r"""Return a text on one line: what is not printable (escape sequences, line ends, marks of direction) as in
+    ``\x1b``.
 
     So it cannot fake a row of a table or colour a terminal. The function is idempotent.
     """
@@ -75,7 +76,7 @@ _LISTED = 20
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """A hint at the closest known word for `word`, else at all of them, or at the first 20 of more."""
+    """Return a hint at the closest known word for `word`, else at all of them, or at the first 20 of more."""
     from difflib import get_close_matches
 
     words = list(known)
@@ -87,18 +88,18 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 def wrong_ending(name: str, known: Iterable[str]) -> str:
-    """What is wrong with the name of a file that ends in none of these."""
+    """Return what is wrong with the name of a file that ends in none of these."""
     return f"expected a file name that ends in one of {', '.join(known)}, got {os.path.splitext(name)[1] or name!r}"
 
 
 def unreadable(error: OSError) -> str:
-    """Why a file cannot be read."""
+    """Return why a file cannot be read."""
     missing = isinstance(error, FileNotFoundError) and error.filename
     return f"cannot be read: {error.strerror}{similar_file(error.filename) if missing else ''}"
 
 
 def similar_file(path: str | os.PathLike[str]) -> str:
-    """A hint at a file with a similar name, for one that does not exist; else empty."""
+    """Return a hint at a file with a similar name, for one that does not exist; else empty."""
     from difflib import get_close_matches
 
     folder, name = os.path.split(path)
@@ -110,12 +111,12 @@ def similar_file(path: str | os.PathLike[str]) -> str:
 
 
 def is_ros_name(name: str) -> bool:
-    """Whether ROS 2 accepts the full name of a topic or service."""
+    """Return whether ROS 2 accepts the full name of a topic or service."""
     return _ROS_NAME.fullmatch(name) is not None
 
 
 def ros_name(text: str) -> str:
-    """A label as the name of a topic: accents are dropped, and what ROS 2 refuses in a name becomes ``_``.
+    """Return a label as the name of a topic: accents are dropped, and what ROS 2 refuses in a name becomes ``_``.
 
     >>> ros_name("has arrived!"), ros_name("~/Fläche 2"), ros_name("2 done"), ros_name("/done")
     ('has_arrived', '~/Flache_2', '_2_done', '/done')

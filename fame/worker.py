@@ -64,7 +64,7 @@ class ThreadWorker(Worker):
 
 
 def outcome(function: Callable[[], Any]) -> tuple[Any, Exception | None]:
-    """The result of a function and no error, or its error."""
+    """Return the result of a function and no error, or its error."""
     try:
         return function(), None
     except Exception as error:

@@ -118,7 +118,7 @@ class Ultrasonic:
         self._publisher.publish(self._make(header=self._header(now), range=measured))
 
     def distance(self, pose: Pose) -> float:
-        """The true distance (m) of the nearest thing on any ray; infinite if nothing is within the range."""
+        """Return the true distance (m) of the nearest thing on any ray; infinite if nothing is within the range."""
         place = pose.ahead(self._ahead - _RECESS)
         middle = pose.ahead(self._ahead - _RECESS + self._middle)
         if self._space.point_query_nearest(middle, self._reach, self._ignored) is None:
@@ -133,7 +133,7 @@ class Ultrasonic:
         return nearest * self._length - _RECESS
 
     def cone(self, pose: Pose) -> Cone | None:
-        """The area that the last measurement found free; None if the sensor fails."""
+        """Return the area that the last measurement found free; None if the sensor fails."""
         if self.fails:
             return None
         at = Pose(*pose.ahead(self._ahead), pose.heading)
@@ -179,7 +179,7 @@ class Camera:
         self._pose, self._point = maker(pose, "position"), type(pose.position)
 
     def radius(self, altitude: float) -> float:
-        """The radius (m) of the visible ground at an altitude (m)."""
+        """Return the radius (m) of the visible ground at an altitude (m)."""
         return 0.0 if self.fails else altitude * self._opening
 
     def measure(self, now: int, pose: Pose, altitude: float) -> None:

@@ -119,7 +119,8 @@ class _Captions:
         return list(self._times)[:_MOST_CAPTIONS]
 
     def at(self, robot: str, time: float, until: float) -> str:
-        """The caption with the largest share of the time between `time` and `until` (s); shorter ones would flicker."""
+        """Return the caption with the largest share of the time between `time` and `until` (s);
+        shorter ones would flicker."""
         times, texts = self._times[robot], self._texts[robot]
         begin, end = max(bisect_right(times, time + 1e-9) - 1, 0), bisect_left(times, until)
         held: dict[str, float] = {}

@@ -252,7 +252,7 @@ def _doors(listed: ConfigValue | None, bounds: Extent) -> Iterator[DoorConfig]:
 
 
 def inside(bounds: Extent, place: Point) -> bool:
-    """Whether a place is on the ground."""
+    """Return whether a place is on the ground."""
     return bounds[0] <= place[0] <= bounds[2] and bounds[1] <= place[1] <= bounds[3]
 
 

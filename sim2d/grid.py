@@ -43,7 +43,7 @@ class Grid:
         return f"x {x:g} to {x + columns * self.resolution:g} m, y {y:g} to {y + rows * self.resolution:g} m"
 
     def fields(self) -> dict[str, Any]:
-        """The fields of a nav_msgs/msg/OccupancyGrid in the frame `map`."""
+        """Return the fields of a nav_msgs/msg/OccupancyGrid in the frame `map`."""
         height, width = self.occupied.shape
         x, y = self.origin
         return {

@@ -32,7 +32,7 @@ class Noise:
         self._rows: list[list[float]] = []
 
     def row(self) -> list[float]:
-        """The next row."""
+        """Return the next row."""
         if not self._rows:
             self._rows = self._random.standard_normal((_BLOCK, self._columns)).tolist()
             self._rows.reverse()

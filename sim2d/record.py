@@ -52,7 +52,7 @@ class WorldRecord:
     things: list[Things]
 
     def cutter(self, weed: Weed) -> int | None:
-        """The index of the robot that cut a weed, or None."""
+        """Return the index of the robot that cut a weed, or None."""
         names = [track.name for track in self.tracks]
         return names.index(weed.cut_by) if weed.cut_by in names else None
 
@@ -75,7 +75,8 @@ class WorldRecorder:
 
 
 def read_record(scenes: Iterable[tuple[int, str, Mapping[str, Any]]], end: int) -> WorldRecord:
-    """The record of a run until `end` (ns), from its scenes: ns, id of an entity, value that FAME's own view draws.
+    """Return the record of a run until `end` (ns), from its scenes: ns, id of an entity, value
+    that FAME's own view draws.
 
     Raises LookupError, TypeError or ValueError for values of another form.
     """

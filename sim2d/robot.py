@@ -47,7 +47,7 @@ class Pose(NamedTuple):
     heading: float
 
     def ahead(self, distance: float) -> Point:
-        """The place at a distance (m) in front of it."""
+        """Return the place at a distance (m) in front of it."""
         return self.x + distance * math.cos(self.heading), self.y + distance * math.sin(self.heading)
 
 

@@ -172,7 +172,7 @@ _SYMBOLS: Mapping[str, Callable[[Sequence[Point]], list[Figure]]] = {
 
 
 def weed(at: Point, radius: float) -> list[Point]:
-    """A rosette of leaves."""
+    """Return a rosette of leaves."""
     leaves = 6
     turns = [math.pi * step / leaves for step in range(2 * leaves)]
     return [

@@ -37,7 +37,7 @@ _KINDS = {f"{_B}signalEventDefinition": "signal", f"{_B}messageEventDefinition":
 
 
 def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> bytes:
-    """The file in the current form, UTF-8. `semantics` sets that of its processes.
+    """Return the file in the current form, UTF-8. `semantics` sets that of its processes.
 
     Raises ModelError if an embedded process cannot be read.
     """

@@ -33,7 +33,7 @@ class ElementChange:
 
 
 def difference(old: Definitions, new: Definitions) -> list[ElementChange]:
-    """The elements that differ: those of the new model in its order, then those that it no longer has."""
+    """Return the elements that differ: those of the new model in its order, then those that it no longer has."""
     before, now = _elements(old), _elements(new)
     changed = [change for id, element in now.items() if (change := _change(before.get(id), element)) is not None]
     places, told = (_places(old), _places(new)), {change.element.id for change in changed}

@@ -61,7 +61,7 @@ class Library:
         return self
 
     def levels(self, caller: Definitions) -> Iterator[tuple[Path, ...]]:
-        """The folders to search for the processes that a file calls, level by level."""
+        """Yield the folders to search for the processes that a file calls, level by level."""
         yield self.folders
         if caller.path is not None:
             yield (caller.path.parent,)
@@ -69,7 +69,7 @@ class Library:
         yield BUILT_IN
 
     def names(self, caller: Definitions) -> set[str]:
-        """What a file can call: the ids of processes, and the names of files."""
+        """Return what a file can call: the ids of processes, and the names of files."""
         found = {process.id for process in caller.processes}
         for path, ids in (
             each for level in self.levels(caller) for folder in level for each in self._listed(folder).items()
@@ -78,7 +78,7 @@ class Library:
         return found
 
     def read(self, path: Path) -> Definitions:
-        """The model of a file, which is read once. Raises ModelError.
+        """Return the model of a file, which is read once. Raises ModelError.
 
         Models are told apart by the names of their files: that of a model that was sent is not given to a file.
         """
@@ -90,7 +90,8 @@ class Library:
         return self._files[key]
 
     def find(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
-        """The process that a call activity calls, with its file. Raises ModelError, with the folders searched."""
+        """Return the process that a call activity calls, with its file. Raises ModelError, with
+        the folders searched."""
         problem = _why_no_call(call)
         if problem:
             raise ModelError.at(call, problem, file=caller.file)
@@ -180,13 +181,14 @@ class Library:
         return "".join(f"; did you mean {name!r}?" for name in sorted(known) if [name.lower()] == similar)
 
     def is_own(self, caller: Definitions, called: Definitions) -> bool:
-        """Whether FAME's own library supplies a file that is called, not ``--library`` or a folder of the caller."""
+        """Return whether FAME's own library supplies a file that is called, not ``--library`` or a
+        folder of the caller."""
         *given, own = self.levels(caller)
         folder = called.path.parent.resolve() if called.path is not None else None
         return folder in own and all(folder != one.resolve() for level in given for one in level)
 
     def closure(self, definitions: Definitions, process: Process) -> list[tuple[Definitions, Process]]:
-        """A process and all processes that it calls, at any depth, each once.
+        """Return a process and all processes that it calls, at any depth, each once.
 
         Calls without a called element are skipped, since the compiler refuses them. Raises ModelError for a called
         process that is not found.
@@ -195,7 +197,7 @@ class Library:
 
 
 def closure(definitions: Definitions, process: Process, find: Find) -> list[tuple[Definitions, Process]]:
-    """A process and all that it calls and `find` knows, at any depth, each once, breadth first."""
+    """Return a process and all that it calls and `find` knows, at any depth, each once, breadth first."""
     found = [(definitions, process)]
     keys = {(identity(definitions), process.id)}
     for home, item in found:
@@ -207,12 +209,12 @@ def closure(definitions: Definitions, process: Process, find: Find) -> list[tupl
 
 
 def identity(definitions: Definitions) -> str | bytes:
-    """What tells a file from others: its name, or its content if it has no name."""
+    """Return what tells a file from others: its name, or its content if it has no name."""
     return definitions.file or definitions.source
 
 
 def calls_of(process: Process) -> Iterator[CallActivity]:
-    """The call activities of a process that name what they call."""
+    """Return the call activities of a process that name what they call."""
     return (call for call in process.body.calls() if call.called and not call.refused)
 
 
@@ -226,7 +228,7 @@ def _why_no_call(call: CallActivity) -> str:
 
 
 def comes_with_fame(file: str) -> bool:
-    """Whether a file is one of FAME's own library."""
+    """Return whether a file is one of FAME's own library."""
     return any(Path(file).resolve().is_relative_to(folder.resolve()) for folder in BUILT_IN)
 
 

@@ -13,7 +13,7 @@ from fame.bpmn.reader.dialects.forms import form_js
 
 
 def linked_form(definitions: Definitions, id: str) -> str:
-    """The JSON of the form with this id in a `.form` file beside the model; empty if no file has it."""
+    """Return the JSON of the form with this id in a `.form` file beside the model; empty if no file has it."""
     folder = definitions.path.parent if id and definitions.path is not None else None
     for path in sorted(folder.glob("*.form")) if folder is not None else ():
         with suppress(OSError, ValueError, RecursionError):
@@ -24,7 +24,7 @@ def linked_form(definitions: Definitions, id: str) -> str:
 
 
 def form_of(definitions: Definitions, human: Human) -> tuple[FormField, ...]:
-    """The fields of a task's form; what keeps a linked one from being drawn is a field of kind ``other``."""
+    """Return the fields of a task's form; what keeps a linked one from being drawn is a field of kind ``other``."""
     text = linked_form(definitions, human.linked)
     try:
         return form_js(text) if text else (*_missing(human.linked), *human.form)

@@ -62,7 +62,7 @@ def add_property(element: Node, name: str, value: str, place: int | None = None)
 
 
 def text_of_expression(expression: Expression) -> str:
-    """The text that the reader recognises as that expression by its form."""
+    """Return the text that the reader recognises as that expression by its form."""
     return f"={expression.text}" if expression.language == "feel" else expression.text
 
 
@@ -150,14 +150,14 @@ class Fragment:
     diagrams: list[Node] = field(default_factory=list)
 
     def elements(self) -> Iterator[Node]:
-        """All its elements, without those of the diagrams."""
+        """Yield all its elements, without those of the diagrams."""
         if self.collaboration is not None:
             yield from self.collaboration.iter("*")
         for one in (*self.processes, *self.shared):
             yield from one.iter("*")
 
     def everything(self) -> Iterator[Node]:
-        """All its elements, with those of the diagrams."""
+        """Yield all its elements, with those of the diagrams."""
         yield from self.elements()
         for one in self.diagrams:
             yield from one.iter("*")
@@ -170,7 +170,7 @@ def copy_fragment(
     types: Mapping[str, str],
     acknowledged: Collection[str] = (),
 ) -> Fragment:
-    """A copy of processes and of all that they need of their file.
+    """Return a copy of processes and of all that they need of their file.
 
     Events get the `types` of their topics; those of `acknowledged` topics say so.
     """
@@ -291,7 +291,7 @@ def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | 
 
 
 def full_tree(definitions: Definitions) -> Node:
-    """The complete XML tree of a file, with the ids that the reader generates for elements without one."""
+    """Return the complete XML tree of a file, with the ids that the reader generates for elements without one."""
     root = parse(definitions.source, definitions.file, keep_all=True)
     context = Context(definitions.file)
     prepare(context, root)

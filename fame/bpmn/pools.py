@@ -30,7 +30,7 @@ class Pool:
 
 
 def pools_of(definitions: Definitions) -> list[Pool]:
-    """The pools that have a process, in document order. The name of an unnamed pool is its id.
+    """Return the pools that have a process, in document order. The name of an unnamed pool is its id.
 
     Raises ModelError for a pool whose process the file does not have, for two pools whose names differ in case only,
     and for a file without anything to execute.
@@ -64,7 +64,8 @@ def pools_of(definitions: Definitions) -> list[Pool]:
 
 
 def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Mapping[str, TopicUse]:
-    """The topics of a collaboration, including called processes. Raises ModelError for a topic with two types."""
+    """Return the topics of a collaboration, including called processes. Raises ModelError for a
+    topic with two types."""
     closures = (library.closure(definitions, pool.process) for pool in pools)
     found = {(home.file, process.id): (home, process) for closure in closures for home, process in closure}
     return topics_of_processes(found.values())
@@ -103,12 +104,12 @@ def assign_pools(
 
 
 def matches(robot: str, pool: Pool) -> bool:
-    """Whether the robot with this namespace belongs to a pool."""
+    """Return whether the robot with this namespace belongs to a pool."""
     if pool.multi_instance:
         return re.fullmatch(re.escape(pool.name) + r"_\d+", robot, re.IGNORECASE) is not None
     return robot.casefold() == pool.name.casefold()
 
 
 def expected_robots(pool: Pool) -> str:
-    """The names of a pool's robots, for messages."""
+    """Return the names of a pool's robots, for messages."""
     return f"{pool.name}_<number>" if pool.multi_instance else pool.name

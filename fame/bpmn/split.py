@@ -48,7 +48,7 @@ class PoolModel:
 
 
 def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[PoolModel]:
-    """One self-contained model per pool: its process, called processes, signals with their types, and diagram.
+    """Return one self-contained model per pool: its process, called processes, signals with their types, and diagram.
 
     `definitions` may be a path. Raises ModelError.
     """
@@ -84,7 +84,7 @@ def extract_process(
     topic_types: Mapping[str, str] | None = None,
     acknowledged: Collection[str] = (),
 ) -> bytes:
-    """One process as a self-contained executable file, UTF-8.
+    """Return one process as a self-contained executable file, UTF-8.
 
     `name` selects the pool if several have this process, and becomes the name of the pool. `find` gives the processes
     that are called, by default those of the same file; other calls stay as they are. `topic_types` maps qualified

@@ -76,7 +76,8 @@ def topic_table(
     *,
     types: Mapping[str, str] = MappingProxyType({}),
 ) -> Mapping[str, TopicUse]:
-    """The topics of some files by qualified name, in the order of first use; only those of `processes` (ids) if given.
+    """Return the topics of some files by qualified name, in the order of first use; only those of
+    `processes` (ids) if given.
 
     `types`: types given elsewhere, by qualified name, for topics to which these processes give none.
 

@@ -175,7 +175,7 @@ class _Probe:
             self.error = str(error)
 
     def finding(self, middleware: Middleware) -> Finding | None:
-        """The endpoints that are missing now."""
+        """Return the endpoints that are missing now."""
         one = self.endpoint
         if self.error:
             return Finding("error", f"{self.robot} {one.direction} {self.name}: {self.error}", one.file)

@@ -48,7 +48,7 @@ _QOS = "qos"
 
 
 def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
-    """The templates by the name of their file, without its ending."""
+    """Return the templates by the name of their file, without its ending."""
     known = list({one.name: one for one in behaviours}.values())
     return {
         "publish": [_publish(), _send(), *map(_publish_type, COMMON)],
@@ -60,7 +60,7 @@ def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
 
 
 def write(found: Sequence[Template]) -> str:
-    """The text of a file."""
+    """Return the text of a file."""
     return json.dumps(found, indent=2) + "\n"
 
 
@@ -165,7 +165,7 @@ def _qos() -> Iterator[Template]:
 
 
 def payload_of(type: str) -> str:
-    """A payload that says every field of a type, at its default, but for times; empty if it has none."""
+    """Return a payload that says every field of a type, at its default, but for times; empty if it has none."""
     import yaml
 
     value = _without_stamps(messages.default_payload(type))
@@ -199,7 +199,7 @@ def _fields(type: str) -> Template:
 
 
 def fields_of(type: str) -> tuple[str, ...]:
-    """The last names of a type's fields, as a data object may take them; none if two of them are the same.
+    """Return the last names of a type's fields, as a data object may take them; none if two of them are the same.
 
     A wrapper such as std_msgs/msg/String has none: it goes to a variable named like the signal.
     """

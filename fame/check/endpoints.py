@@ -46,14 +46,14 @@ Topics = Mapping[str, list[TopicEndpoint]]
 
 
 def by_topic(processes: Iterable[CheckedProcess]) -> Topics:
-    """The topics of events and tasks, and those that scripts name literally."""
+    """Return the topics of events and tasks, and those that scripts name literally."""
     return _by_name(end for process in processes for end in endpoints_of(process))
 
 
 def select_topics(
     processes: Iterable[CheckedProcess], ends: Mapping[CheckedProcess, Sequence[TopicEndpoint]], *, private: bool
 ) -> Topics:
-    """The public topics of some processes, or those of the robot itself."""
+    """Return the public topics of some processes, or those of the robot itself."""
     return _by_name(end for process in processes for end in ends[process] if end.name.startswith("~/") == private)
 
 
@@ -86,14 +86,15 @@ def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint
 
 
 def topics_in_script(node: FlowNode) -> Sequence[ScriptTopic]:
-    """What the script of a node names: topics, services, actions. None of an invalid one: the compiler reports it."""
+    """Return what the script of a node names: topics, services, actions. None of an invalid one:
+    the compiler reports it."""
     with suppress(ModelError):
         return script_topics(node.script) if node.script is not None else ()
     return ()
 
 
 def public_topics(team: Sequence[CheckScope]) -> Topics:
-    """The topics between the robots of a mission, without those of their drivers."""
+    """Return the topics between the robots of a mission, without those of their drivers."""
     pools = [pool for one in team for pool in one.definitions.participants]
     robots = {pool.label.casefold() for pool in pools}
     return {
@@ -109,7 +110,7 @@ def _space(name: str) -> str:
 
 
 def level_of(team: Sequence[CheckScope]) -> Level:
-    """The level of a topic without publisher or subscriber: a warning where the file is complete, else a note.
+    """Return the level of a topic without publisher or subscriber: a warning where the file is complete, else a note.
 
     A file is not complete if a pool is a black box, if a monitoring service is at work (whose topics are named in its
     configuration), or if it is part of a mission whose other files may be missing.
@@ -126,23 +127,23 @@ def level_of(team: Sequence[CheckScope]) -> Level:
 
 
 def types_of(scope: CheckScope) -> Mapping[str, str]:
-    """The declared type of each topic, by qualified name."""
+    """Return the declared type of each topic, by qualified name."""
     declared = {name: declared_type(ends) for name, ends in by_topic(scope.processes).items()}
     return {name: type for name, type in declared.items() if type is not None}
 
 
 def declared_type(ends: Iterable[TopicEndpoint]) -> str | None:
-    """The first type that an endpoint declares, None if none does."""
+    """Return the first type that an endpoint declares, None if none does."""
     return next((end.type for end in ends if end.type is not None), None)
 
 
 def fields_taken(names: Sequence[str], topic: Topic, type: str) -> tuple[str, ...]:
-    """The variables of a data object that a caught message sets; all of them if the type is unknown."""
+    """Return the variables of a data object that a caught message sets; all of them if the type is unknown."""
     return tuple(message_fields(names, topic, type)) if _is_known(type) else tuple(names)
 
 
 def message_fields(names: Sequence[str], topic: Topic, type: str) -> Mapping[str, str]:
-    """The field of each variable, such as ``pose.position.x``; empty if the type is unknown."""
+    """Return the field of each variable, such as ``pose.position.x``; empty if the type is unknown."""
     found = match(names, variable_name(topic.name), messages.create(type)) if _is_known(type) else {}
     return {name: ".".join(path) for name, path in found.items()}
 

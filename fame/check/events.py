@@ -114,7 +114,7 @@ def _together(found: Iterator[set[str] | None]) -> set[str] | None:
 
 
 def raised_codes(node: FlowNode) -> set[str] | None:
-    """The error codes in a script: ``raise BpmnError("lost")``; None if they are unknown."""
+    """Return the error codes in a script: ``raise BpmnError("lost")``; None if they are unknown."""
     script = node.script
     if script is None or script.language not in ("python", "javascript"):
         return set()

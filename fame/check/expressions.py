@@ -41,7 +41,7 @@ class ExpressionUse:
 
 
 def expressions_in(body: Body) -> Iterator[ExpressionUse]:
-    """Every script and expression of a body; those of its sub-processes belong to their own bodies."""
+    """Yield every script and expression of a body; those of its sub-processes belong to their own bodies."""
     elements: list[Element] = [*body.data_objects, *body.flows, *body.nodes]
     for element in elements:
         for expression, use in element.texts():
@@ -58,7 +58,7 @@ def _own(element: Element, value: Expression) -> set[str]:
 
 
 def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
-    """The names that a text reads and writes; none if it is invalid, which the compiler reports."""
+    """Return the names that a text reads and writes; none if it is invalid, which the compiler reports."""
     try:
         return script_names(expression, script=script)
     except (ModelError, RecursionError):  # the one is told by the compiler, the other is nested too deeply
@@ -67,7 +67,8 @@ def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[st
 
 @lru_cache(maxsize=1024)
 def syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST | None:
-    """The tree of a text in Python, with the lines of the file; None of an invalid one, which the compiler reports.
+    """Return the tree of a text in Python, with the lines of the file; None of an invalid one,
+    which the compiler reports.
 
     It is shared: do not change it.
     """
@@ -88,7 +89,8 @@ def _code_of(script: Expression) -> frozenset[str]:
 
 @lru_cache
 def constant(expression: Expression) -> tuple[Any, str]:
-    """The value of an expression that reads no names, else None; and why it cannot be computed in time, else empty.
+    """Return the value of an expression that reads no names, else None; and why it cannot be
+    computed in time, else empty.
 
     What cannot be computed may be a part that reads no names: ``x + count(for i in 1..1000000000 return i)``.
     """
@@ -136,7 +138,7 @@ _Value = bool | float
 
 
 def cover_all(conditions: Sequence[Expression]) -> bool:
-    """Whether one of the conditions is true for all values of the variables; False if that is unknown."""
+    """Return whether one of the conditions is true for all values of the variables; False if that is unknown."""
     trees = [condition_tree(condition) for condition in conditions]
     try:
         return _cover_all([tree for tree in trees if tree is not None]) if None not in trees else False
@@ -156,7 +158,7 @@ def _cover_all(trees: Sequence[ast.expr]) -> bool:
 
 
 def python_tree(expression: Expression) -> ast.expr | None:
-    """An expression of any language as a Python syntax tree, None if it cannot be read as Python."""
+    """Return an expression of any language as a Python syntax tree, None if it cannot be read as Python."""
     text = expression.text.strip()
     if expression.language != "python":
         text = text[2:-1] if text[:2] in ("${", "#{") and text[-1:] == "}" else text
@@ -170,7 +172,7 @@ def python_tree(expression: Expression) -> ast.expr | None:
 
 
 def condition_tree(condition: Expression) -> ast.expr | None:
-    """The tree of a condition that always gives the same result for the same variables, else None."""
+    """Return the tree of a condition that always gives the same result for the same variables, else None."""
     tree = python_tree(condition)
     if isinstance(tree, ast.Call) and called_name(tree) == "next" and len(tree.args) == 2:
         tree = tree.args[1]  # next(null, x > 3), the condition of the original FaMe
@@ -208,7 +210,7 @@ class _Parts:
             self.pairs.add(_pair(left, right))
 
     def values(self) -> Mapping[str, Sequence[_Value]]:
-        """The values of each part that make a difference."""
+        """Return the values of each part that make a difference."""
         found: dict[str, Sequence[_Value]] = dict.fromkeys(sorted(self.truths), (False, True))
         found |= dict.fromkeys(sorted(self.pairs), (-1.0, 0.0, 1.0))
         return found | {f"number {name}": _around(sorted(constants)) for name, constants in self.numbers.items()}

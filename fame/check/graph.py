@@ -25,7 +25,7 @@ class FlowGraph:
     preceding: Mapping[str, list[str]]
 
     def leaving(self, node: FlowNode) -> list[SequenceFlow]:
-        """The flows that leave a node, in document order."""
+        """Return the flows that leave a node, in document order."""
         return [self.flows[id] for id in node.outgoing]
 
     def beginnings(self) -> list[FlowNode]:
@@ -33,11 +33,11 @@ class FlowGraph:
         return self.starts() or [node for node in self.body.nodes if begins(node)]
 
     def starts(self) -> list[FlowNode]:
-        """Its start events, and the gateways and receive tasks that start a process."""
+        """Return its start events, and the gateways and receive tasks that start a process."""
         return [node for node in self.body.nodes if node.place == "start" or instantiates(node)]
 
     def reach(self, ids: Iterable[str], seen: set[str]) -> set[str]:
-        """The nodes that tokens reach from some nodes (included), without those in `seen`, which is extended."""
+        """Return the nodes that tokens reach from some nodes (included), without those in `seen`, which is extended."""
         found: set[str] = set()
         pending = list(ids)
         while pending:
@@ -49,7 +49,8 @@ class FlowGraph:
         return found
 
     def before(self, id: str) -> Iterator[str]:
-        """The nodes from which tokens reach a node, nearest first; includes the node itself if it is in a loop."""
+        """Yield the nodes from which tokens reach a node, nearest first; includes the node itself
+        if it is in a loop."""
         seen: set[str] = set()
         pending = deque(self.preceding[id])
         while pending:
@@ -60,7 +61,7 @@ class FlowGraph:
                 pending.extend(self.preceding[node])
 
     def circles(self) -> Iterator[list[FlowNode]]:
-        """The strongly connected components (Kosaraju's algorithm)."""
+        """Yield the strongly connected components (Kosaraju's algorithm)."""
         order = list[str]()
         seen = set[str]()
         for node in self.body.nodes:
@@ -112,7 +113,7 @@ def graph_of(body: Body) -> FlowGraph:
 
 
 def link_of(node: FlowNode) -> str:
-    """The name of a link event, else empty."""
+    """Return the name of a link event, else empty."""
     return next((one.name for one in node.defined(LinkDefinition)), "")
 
 
@@ -120,13 +121,13 @@ def link_of(node: FlowNode) -> str:
 
 
 def may_stop(graph: FlowGraph, node: FlowNode) -> bool:
-    """Whether a token may find no outgoing flow because all have conditions."""
+    """Return whether a token may find no outgoing flow because all have conditions."""
     flows = graph.leaving(node)
     return bool(flows) and not node.default and all(flow.condition is not None for flow in flows)
 
 
 def ends_all(node: FlowNode) -> bool:
-    """Whether it ends other tokens."""
+    """Return whether it ends other tokens."""
     return bool(node.defined(TerminateDefinition) or node.defined(ErrorDefinition))
 
 
@@ -136,7 +137,7 @@ def _contains(node: FlowNode, *words: str) -> bool:
 
 
 def passes_in_time(node: FlowNode) -> bool:
-    """Whether a token passes it sooner or later, and certainly without an error."""
+    """Return whether a token passes it sooner or later, and certainly without an error."""
     return not ends_all(node) and not _contains(node, "raise")
 
 
@@ -148,6 +149,6 @@ _WAITING = {
 
 
 def passes_at_once(node: FlowNode) -> bool:
-    """Whether a token certainly passes it without waiting."""
+    """Return whether a token certainly passes it without waiting."""
     waits = (node.tag in _WAITING and not link_of(node)) or _contains(node, "await", "next(")
     return not waits and passes_in_time(node)

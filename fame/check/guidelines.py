@@ -171,7 +171,7 @@ def _original(process: CheckedProcess) -> Iterator[Finding]:
 
 
 def suspending(process: Process) -> Iterator[SubProcess]:
-    """The event sub-processes that semantics=original affects."""
+    """Yield the event sub-processes that semantics=original affects."""
     for node in process.body.walk():
         if isinstance(node, SubProcess) and node.triggered_by_event and not node.resume:
             yield from [node] * any(start.interrupting for start in node.body.events("start"))

@@ -45,7 +45,7 @@ class Finding:
 
 
 def of_error(error: ModelError | ConfigError) -> Finding:
-    """The finding that reports an error."""
+    """Return the finding that reports an error."""
     return Finding("error", error.text, error.file, error.line, error.element, error.name, error.column)
 
 
@@ -81,23 +81,23 @@ class CheckedProcess:
         return self.definitions.file
 
     def finding(self, level: Level, text: str, element: Element, line: int = 0) -> Finding:
-        """A finding at one of its elements; `line` if it differs from that of the element."""
+        """Return a finding at one of its elements; `line` if it differs from that of the element."""
         return Finding(level, text, self.file, line or element.line, element.id)
 
     def bodies(self) -> Iterator[Body]:
-        """Its body and those of its sub-processes at any depth."""
+        """Return its body and those of its sub-processes at any depth."""
         return self.bpmn.body.bodies()
 
     def nodes(self) -> Iterator[FlowNode]:
-        """All flow nodes at any depth."""
+        """Return all flow nodes at any depth."""
         return self.bpmn.body.walk()
 
     def called_by(self, call: FlowNode) -> CheckedProcess | None:
-        """The process that one of its call activities calls; None for any other node."""
+        """Return the process that one of its call activities calls; None for any other node."""
         return next((callee for other, callee in self.calls if other is call), None)
 
     def closure(self) -> list[CheckedProcess]:
-        """The process and all that it calls, directly or not, each once, breadth first."""
+        """Return the process and all that it calls, directly or not, each once, breadth first."""
         found = {self: None}
         pending = [self]
         for process in pending:
@@ -135,7 +135,7 @@ class CheckScope:
         return process.definitions is self.definitions and process.bpmn.id in self.pools
 
     def called(self) -> set[CheckedProcess]:
-        """The processes that another one calls."""
+        """Return the processes that another one calls."""
         return {callee for process in self.processes for _, callee in process.calls if callee is not None}
 
     def named(self, finding: Finding) -> Finding:
@@ -165,7 +165,7 @@ def find_scope(
     strict: bool = False,
     remote_types: bool = False,
 ) -> CheckScope:
-    """The scope of a file; called processes are searched for in `library`. `team`: all files of its mission."""
+    """Return the scope of a file; called processes are searched for in `library`. `team`: all files of its mission."""
     scope = _scope(definitions, library)
     scope.mission = tuple(scope if one is definitions else _scope(one, library) for one in team) or (scope,)
     scope.strict, scope.remote_types = strict, remote_types

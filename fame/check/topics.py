@@ -271,7 +271,7 @@ def _has_fields(type: str) -> bool:
 
 
 def misfit(type: str, value: object) -> MessageError | None:
-    """The error of creating a message from the value; None if it fits or the type is unknown."""
+    """Return the error of creating a message from the value; None if it fits or the type is unknown."""
     try:
         messages.fields(type)
     except MessageError:

@@ -58,7 +58,7 @@ class Sample:
 
 
 def is_message(value: Any) -> bool:
-    """Whether it is a message or a nested message."""
+    """Return whether it is a message or a nested message."""
     return hasattr(value, "__msgtype__")
 
 

@@ -92,7 +92,7 @@ def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
 
 
 def named_by(node: FlowNode) -> Iterator[str]:
-    """The variables that an element sets by name, those of FAME included."""
+    """Yield the variables that an element sets by name, those of FAME included."""
     yield from node.sets()
     if node.tag == "complexGateway":
         yield from gateways.NAMES
@@ -123,7 +123,7 @@ def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], type
 
 
 def assigned_objects(process: CheckedProcess) -> set[str]:
-    """The ids of data objects whose values are assigned when an element starts or ends."""
+    """Return the ids of data objects whose values are assigned when an element starts or ends."""
     found: set[str] = set()
     for node in process.bpmn.body.walk():
         catches = node.place in ("start", "catch", "boundary")
@@ -132,7 +132,7 @@ def assigned_objects(process: CheckedProcess) -> set[str]:
 
 
 def sets_something(name: str, expression: Expression) -> bool:
-    """Whether a value is more than a declaration such as ``x`` or ``x: ${x}``."""
+    """Return whether a value is more than a declaration such as ``x`` or ``x: ${x}``."""
     return bool(expression.text.strip()) and names_of(expression)[0] != {name}
 
 
@@ -163,7 +163,7 @@ class _Space:
 
 
 def sharing(root: CheckedProcess) -> dict[CheckedProcess, CallActivity | None]:
-    """The processes that share the variables of `root`, each with the call by which it is entered."""
+    """Return the processes that share the variables of `root`, each with the call by which it is entered."""
     found: dict[CheckedProcess, CallActivity | None] = {root: None}
     pending = [root]
     for process in pending:
@@ -267,7 +267,8 @@ def _other_language(name: str, expression: Expression) -> str:
 
 
 def variable_names(definitions: Definitions, process: str, library: Library) -> frozenset[str] | None:
-    """The variables of a process (id) and of what it calls without a mapping; None if something may set any name.
+    """Return the variables of a process (id) and of what it calls without a mapping; None if
+    something may set any name.
 
     Raises ModelError for a called process that is not found.
     """
@@ -283,7 +284,7 @@ def variable_names(definitions: Definitions, process: str, library: Library) -> 
 
 
 def parameters(definitions: Definitions, process: Process, library: Library) -> dict[str, str]:
-    """The variables that a process can be given, with their defaults (text; empty: none).
+    """Return the variables that a process can be given, with their defaults (text; empty: none).
 
     They are those that its data objects hold, and those that it, or what it calls without a mapping, reads and no
     script of it sets. A default is the value that a data object gives, if that is not computed. Raises ModelError for a

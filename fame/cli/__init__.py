@@ -165,7 +165,7 @@ def _with_new_name(given: list[str]) -> list[str]:
 
 
 def parser(name: str = "", part: str = "") -> Parser:
-    """The parser of the command that is asked for by its words, else of all commands."""
+    """Return the parser of the command that is asked for by its words, else of all commands."""
     top = _Top(prog="fame")
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)

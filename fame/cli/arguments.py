@@ -97,14 +97,14 @@ def group(commands: Commands, name: str, *, help: str, examples: Sequence[str]) 
 
 
 def natural(text: str) -> int:
-    """A whole number from 0 on."""
+    """Return a whole number from 0 on."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"expected a whole number from 0 on, got {text!r}")
     return int(text)
 
 
 def epoch(text: str) -> datetime:
-    """The date of second 0."""
+    """Return the date of second 0."""
     from fame.clock import parse_epoch
 
     try:
@@ -114,7 +114,7 @@ def epoch(text: str) -> datetime:
 
 
 def positive(text: str) -> float:
-    """A number above 0 and up to 1e15."""
+    """Return a number above 0 and up to 1e15."""
     try:
         number = float(text)
     except ValueError:
@@ -174,7 +174,7 @@ def add_key(parser: argparse.ArgumentParser, help: str) -> None:
 
 
 def private_key(arguments: argparse.Namespace) -> Any:
-    """The secret key of ``--key``, None without it. Raises ConfigError."""
+    """Return the secret key of ``--key``, None without it. Raises ConfigError."""
     if arguments.key is None:
         return None
     from fame.deploy.signing import read_private
@@ -188,7 +188,7 @@ def add_trust(parser: argparse.ArgumentParser, help: str) -> None:
 
 
 def trusted_keys(arguments: argparse.Namespace) -> Sequence[Any]:
-    """The public keys of ``--trust``. Raises ConfigError."""
+    """Return the public keys of ``--trust``. Raises ConfigError."""
     if not arguments.trust:
         return ()
     from fame.deploy.signing import read_trusted

@@ -99,7 +99,7 @@ def run(arguments: Namespace) -> int:
 
 
 def examine(arguments: Namespace) -> Iterator[Finding]:
-    """What there is to say of this machine, then of the team."""
+    """Yield what there is to say of this machine, then of the team."""
     yield from packages(arguments.middleware)
     yield clock()
     of_network = list(network(arguments))
@@ -125,7 +125,7 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
 
 
 def packages(backend: str) -> Iterator[Finding]:
-    """Whether the middleware is installed, and is that of ROS 2's nodes here."""
+    """Yield whether the middleware is installed, and is that of ROS 2's nodes here."""
     from fame.imports import fame_version
 
     yield Finding("FAME", "ok", f"{fame_version()}, Python {platform.python_version()}")
@@ -156,7 +156,7 @@ def _of_another_package(backend: str) -> Finding:
 
 
 def clock() -> Finding:
-    """Whether the clock of this machine is synchronized."""
+    """Return whether the clock of this machine is synchronized."""
     command = ("timedatectl", "show", "--property", "NTPSynchronized", "--value")
     try:
         said = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False).stdout.strip()
@@ -171,7 +171,7 @@ def clock() -> Finding:
 
 
 def network(arguments: Namespace) -> Iterator[Finding]:
-    """Whether robots can find each other by the network that was asked for; routers are looked for later."""
+    """Yield whether robots can find each other by the network that was asked for; routers are looked for later."""
     from fame.scenario.process import Router
 
     name, dds = arguments.network, arguments.middleware != "zenoh"
@@ -206,7 +206,7 @@ def _interface(name: str, domain: str, *, multicast: bool) -> Iterator[Finding]:
 
 
 def routed(router: str, middleware: Any) -> Finding:
-    """Whether a router of Zenoh is connected; a configuration file may name peers instead."""
+    """Return whether a router of Zenoh is connected; a configuration file may name peers instead."""
     info = middleware.session.info
     routers, peers = len(info.routers_zid()), len(info.peers_zid())
     if routers:
@@ -219,7 +219,7 @@ def routed(router: str, middleware: Any) -> Finding:
 
 
 def keys(arguments: Namespace) -> Iterator[Finding]:
-    """Whether keys can be read and fit each other."""
+    """Yield whether keys can be read and fit each other."""
     if arguments.network is not None and not arguments.trust:
         text = f"without keys, everybody on {arguments.network} can send robots a process"
         yield Finding("keys", "warning", text, "fame keys new team; give engines --trust team.pub")
@@ -237,7 +237,7 @@ def keys(arguments: Namespace) -> Iterator[Finding]:
 
 
 def types(arguments: Namespace) -> Iterator[Finding]:
-    """The files of message types that were left out."""
+    """Yield the files of message types that were left out."""
     from fame.middleware.typesystem import broken_files
 
     if arguments.types:
@@ -247,7 +247,7 @@ def types(arguments: Namespace) -> Iterator[Finding]:
 
 
 def folder(path: Path) -> Finding:
-    """Whether an engine could keep its state there. Nothing is left behind."""
+    """Return whether an engine could keep its state there. Nothing is left behind."""
     there = next(each for each in (path, *path.absolute().parents) if each.exists())
     try:
         with TemporaryFile(dir=there) as file:
@@ -276,7 +276,7 @@ class _Team:
         self._rivals: set[str] = set()
 
     def findings(self) -> Iterator[Finding]:
-        """What there is to say of each robot, after a while."""
+        """Yield what there is to say of each robot, after a while."""
         from fame.deploy import engines
         from fame.scenario.process import Router
 
@@ -359,7 +359,7 @@ class _Team:
 
 
 def reported(report: Report) -> Finding:
-    """The state of a mission, as `fame engine --diagnostics` publishes it."""
+    """Return the state of a mission, as `fame engine --diagnostics` publishes it."""
     from fame.deploy.diagnostics import OK, WARN, diagnostic_status
 
     status = diagnostic_status(report)
@@ -372,7 +372,7 @@ def reported(report: Report) -> Finding:
 
 
 def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:
-    """What a robot's answer says: how far it is, how late its clock, which version."""
+    """Yield what a robot's answer says: how far it is, how late its clock, which version."""
     from fame.imports import fame_version
 
     ahead, doubt = answer.ahead / 1e9, answer.trip / 2e9

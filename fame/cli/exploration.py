@@ -210,7 +210,7 @@ def _robots(given: list[str]) -> dict[str, int]:
 
 
 def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
-    """The lines for people. The first one says whether all states were explored."""
+    """Yield the lines for people. The first one says whether all states were explored."""
     yield result.summary()
     if result.outside:
         yield f"  from outside, at any time: {', '.join(result.outside)}"

@@ -24,7 +24,7 @@ def add_properties(parser: Parser) -> None:
 
 
 def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocabulary | None]:
-    """The properties of a file; the model beside it, or the team of a scenario.
+    """Return the properties of a file; the model beside it, or the team of a scenario.
 
     A scenario has those beside and in its model, too. Raises ConfigError for a file that has none.
     """
@@ -44,7 +44,7 @@ def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocab
 
 
 def live_judge(arguments: Namespace, note: Callable[[str], object]) -> LiveJudge | None:
-    """What judges the properties of ``--properties`` while a team runs; `note` gets violations."""
+    """Return what judges the properties of ``--properties`` while a team runs; `note` gets violations."""
     if arguments.properties is None:
         return None
     from fame.log.live_judge import LiveJudge

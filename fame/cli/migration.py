@@ -119,7 +119,7 @@ class Migration:
                 note(line)
 
     def findings(self) -> list[dict[str, Any]]:
-        """The findings of the exploration, for --json."""
+        """Return the findings of the exploration, for --json."""
         from fame.cli.exploration import finding_as_json
 
         return [finding_as_json(one) for one in self._found]

@@ -232,7 +232,7 @@ def _lines(behaviour: Behaviour, width: int) -> Iterator[str]:
 
 
 def paragraphs(documentation: str) -> list[str]:
-    """The text without the line breaks within sentences: a line that ends with a full stop ends a paragraph."""
+    """Return the text without the line breaks within sentences: a line that ends with a full stop ends a paragraph."""
     return [" ".join(part.split()) for part in re.split(r"(?<=\.)\s*\n|\n\s*\n", documentation) if part.strip()]
 
 

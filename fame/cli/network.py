@@ -80,7 +80,7 @@ def add_network(parser: Parser) -> None:
 
 
 def interface(text: str) -> str:
-    """The name or address of a network interface of this machine."""
+    """Return the name or address of a network interface of this machine."""
     with suppress(ValueError):
         address = ipaddress.ip_address(text)
         if _is_here(address):
@@ -92,7 +92,7 @@ def interface(text: str) -> str:
 
 
 def interface_of(name: str) -> str | None:
-    """The name of the network interface that has a name or an address; None if it is not found."""
+    """Return the name of the network interface that has a name or an address; None if it is not found."""
     names = [name for _, name in socket.if_nameindex()]
     if name in names:
         return name
@@ -140,7 +140,7 @@ def router(text: str) -> str:
 
 
 def zenoh_config(text: str) -> str:
-    """The path of a configuration file of Zenoh."""
+    """Return the path of a configuration file of Zenoh."""
     from fame.scenario.process import Router
 
     file = Path(text).resolve()
@@ -190,7 +190,7 @@ def note_warning(warning: EndpointWarning) -> None:
 
 
 def lockstep(middleware: Middleware, holds: Callable[[WireNode], bool]) -> Lockstep:
-    """The lockstep of the nodes that `holds` accepts. Raises ConfigError for other backends."""
+    """Return the lockstep of the nodes that `holds` accepts. Raises ConfigError for other backends."""
     from fame.errors import ConfigError
     from fame.middleware.simulated_time import Lockstep
     from fame.middleware.wire_base import WireMiddleware

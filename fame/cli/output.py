@@ -34,7 +34,8 @@ _WORD = re.compile(rf"(?:^|(?<=: ))({'|'.join(_WORDS)})(?=: )")
 
 
 def coloured(text: str, stream: TextIO) -> str:
-    """The text with the first such word of each line in its colour, if the stream is a terminal that has colours."""
+    """Return the text with the first such word of each line in its colour, if the stream is a
+    terminal that has colours."""
     return "\n".join(map(_painted, text.split("\n"))) if _has_colours(stream) else text
 
 
@@ -63,14 +64,15 @@ def print_json(value: Mapping[str, Any]) -> None:
 
 
 def error_object(error: FameError, cause: BaseException, status: str = "error") -> dict[str, Any]:
-    """An error as JSON: the class of its cause, its line of text, and where it is as far as it knows."""
+    """Return an error as JSON: the class of its cause, its line of text, and where it is as far as it knows."""
     where = ("file", "line", "element", "robot", "code", "type", "field")
     known = {name: value for name in where if (value := getattr(error, name, None))}
     return {"status": status, "error": {"class": type(cause).__name__, "text": str(error), **known}}
 
 
 def table_within(width: int, heads: Sequence[str], rows: Sequence[Sequence[str | int]], spare: Sequence[str]) -> str:
-    """A table without the first of the columns that can be spared, as many as it takes to be narrower than `width`."""
+    """Return a table without the first of the columns that can be spared, as many as it takes to
+    be narrower than `width`."""
     for left_out in range(len(spare) + 1):
         kept = [column for column, head in enumerate(heads) if head not in spare[:left_out]]
         text = table([heads[column] for column in kept], [[row[column] for column in kept] for row in rows])

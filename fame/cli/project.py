@@ -70,7 +70,7 @@ class Project:
     coverage: float | None = None
 
     def taken(self, key: str) -> list[Path | str]:
-        """The values of a key: a word, or paths from here. Raises ConfigError for a file that does not exist."""
+        """Return the values of a key: a word, or paths from here. Raises ConfigError for a file that does not exist."""
         if key == "middleware":
             return [value.text() for value in self.values.get(key, ())]
         return [self._found(value) for value in self.values.get(key, ())]
@@ -84,7 +84,7 @@ class Project:
 
 
 def find(start: Path) -> Path | None:
-    """The file of the project around a folder: upwards to the first repository, home, or end of the file system.
+    """Return the file of the project around a folder: upwards to the first repository, home, or end of the file system.
 
     Raises ConfigError for a file of another user: it names code and keys.
     """

@@ -154,7 +154,7 @@ def _explain_waits(arguments: Namespace) -> int:
 
 
 def silences(reports: Mapping[str, Report], engines: Iterable[str], listened: float) -> dict[str, float]:
-    """The robots that publish no status, and for how long at least (s).
+    """Return the robots that publish no status, and for how long at least (s).
 
     Their engines are in the graph and published nothing for `listened` s, or their team reports them as missing.
     """
@@ -166,7 +166,7 @@ def silences(reports: Mapping[str, Report], engines: Iterable[str], listened: fl
 
 
 def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
-    """A line for a robot, and one more for each further token."""
+    """Yield a line for a robot, and one more for each further token."""
     head = (robot, report.state, report.hash[:12], str(report.instances))
     for wait in report.waits:
         since = f"{max(0.0, report.now - wait.get('since', 0.0)):.0f} s" if report.instances else ""
@@ -294,7 +294,7 @@ def _add_request(
 
 
 def value(text: str) -> tuple[str, Any]:
-    """A variable and its value, which JSON has to know."""
+    """Return a variable and its value, which JSON has to know."""
     import json
 
     from fame.cli.pipelines import assignment

@@ -137,7 +137,7 @@ def _network(arguments: Namespace) -> NetworkConfig | None:
 
 
 def scenario_of(arguments: Namespace) -> Scenario:
-    """The scenario of a command line."""
+    """Return the scenario of a command line."""
     from fame.scenario import Completion, Fault, Scenario
 
     variables: dict[str, dict[str, Any]] = {}

@@ -33,7 +33,7 @@ _KINDS: dict[FileKind, tuple[set[str], str, str]] = {
 
 
 def read_document(path: str | PathLike[str], kind: FileKind | None = None) -> ConfigValue:
-    """The content of a YAML file. Raises ConfigError, also if its keys are those of another kind of file."""
+    """Return the content of a YAML file. Raises ConfigError, also if its keys are those of another kind of file."""
     file = str(path)
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -48,7 +48,7 @@ def read_document(path: str | PathLike[str], kind: FileKind | None = None) -> Co
 
 
 def parse_document(text: str, file: str = "") -> ConfigValue:
-    """The content of a YAML text. Raises ConfigError, also for a key that is given twice."""
+    """Return the content of a YAML text. Raises ConfigError, also for a key that is given twice."""
     import yaml  # an engine that waits for its process does without
 
     try:
@@ -102,7 +102,8 @@ def _note_lines(
 
 
 def meant_for(content: object, kind: FileKind) -> str:
-    """A hint at the right command if a file has keys of another kind than `kind` and none of that kind; else empty.
+    """Return a hint at the right command if a file has keys of another kind than `kind` and none
+    of that kind; else empty.
 
     >>> meant_for({"Files": {}}, "node")
     'is a learning file, which is for fame monitor adm learn'
@@ -122,7 +123,8 @@ def meant_for(content: object, kind: FileKind) -> str:
 
 @cache
 def registered(group: str) -> Mapping[str, str]:
-    """What installed packages add to FAME in one group of entry points: name -> ``module:Name`` (docs/extending.md).
+    """Return what installed packages add to FAME in one group of entry points: name ->
+    ``module:Name`` (docs/extending.md).
 
     Raises ConfigError for a name that two packages give to different things.
     """
@@ -135,7 +137,7 @@ def registered(group: str) -> Mapping[str, str]:
 
 
 def find_object(name: str, folder: Path) -> Any:
-    """The object that ``module:Name`` or ``file.py:Name`` (relative to `folder`) names. Raises ConfigError."""
+    """Return the object that ``module:Name`` or ``file.py:Name`` (relative to `folder`) names. Raises ConfigError."""
     module, colon, attribute = name.rpartition(":")
     if not colon:
         module, _, attribute = name.rpartition(".")

@@ -26,7 +26,7 @@ _REPR.maxlevel, _REPR.maxlist, _REPR.maxstring, _REPR.maxother = 4, 8, 60, 60
 
 
 def join(path: str, key: str) -> str:
-    """The path of a key inside a mapping."""
+    """Return the path of a key inside a mapping."""
     return f"{path}.{key}" if path else key
 
 
@@ -42,13 +42,13 @@ class Source:
     columns: Mapping[str, int] = field(default_factory=dict)
 
     def line(self, path: str) -> int:
-        """The line of a key path, or that of the nearest key around it; 0 if unknown."""
+        """Return the line of a key path, or that of the nearest key around it; 0 if unknown."""
         while path and path not in self.lines:
             path = path[: max(path.rfind("."), path.rfind("["), 0)]
         return self.lines.get(path, 0)
 
     def error(self, path: str, text: str) -> ConfigError:
-        """An error about the value at `path`."""
+        """Return an error about the value at `path`."""
         return ConfigError(text, file=self.file, line=self.line(path), element=path)
 
 
@@ -74,7 +74,7 @@ class ConfigValue:
         return self.source.error(self.path, text)
 
     def expected(self, what: str) -> ConfigError:
-        """The error "expected `what`, got ..."."""
+        """Return the error "expected `what`, got ..."."""
         return self.error(f"expected {what}, got {self._shown()}")
 
     def _shown(self) -> str:
@@ -86,7 +86,7 @@ class ConfigValue:
         return shown if len(shown) < 60 else shown[:57] + "..."
 
     def mapping(self, known: Iterable[str] | None = None) -> dict[str, ConfigValue]:
-        """Its values by key, in the order of the file; only keys that are `known`, if given."""
+        """Return its values by key, in the order of the file; only keys that are `known`, if given."""
         if not isinstance(self.data, Mapping):
             raise self.expected("a mapping of keys to values")
         values = {}
@@ -101,13 +101,13 @@ class ConfigValue:
         return values
 
     def required(self, key: str, example: str) -> ConfigValue:
-        """The value of a key that the mapping must have; `example` is what to write after it."""
+        """Return the value of a key that the mapping must have; `example` is what to write after it."""
         if key not in self.mapping():
             raise self.error(f"expected the key {key}: {example}")
         return self.mapping()[key]
 
     def items(self) -> list[ConfigValue]:
-        """Its values, of a list."""
+        """Return its values, of a list."""
         if not isinstance(self.data, list | tuple):
             raise self.expected("a list")
         return [ConfigValue(data, f"{self.path}[{index}]", self.source) for index, data in enumerate(self.data)]
@@ -115,7 +115,7 @@ class ConfigValue:
     def number(
         self, *, above: float | None = None, minimum: float | None = None, maximum: float | None = None
     ) -> float:
-        """A finite number, greater than `above`, from `minimum` to `maximum`."""
+        """Return a finite number, greater than `above`, from `minimum` to `maximum`."""
         data, what = self.data, f"a number{_limits(above, minimum, maximum)}"
         if isinstance(data, bool) or not isinstance(data, int | float):
             raise self.expected(what)
@@ -132,20 +132,20 @@ class ConfigValue:
         return float(data)
 
     def integer(self, *, minimum: int, maximum: int | None = None) -> int:
-        """A whole number from `minimum` to `maximum`."""
+        """Return a whole number from `minimum` to `maximum`."""
         data, most = self.data, math.inf if maximum is None else maximum
         if isinstance(data, bool) or not isinstance(data, int) or not minimum <= data <= most:
             raise self.expected(f"a whole number{_limits(None, minimum, maximum)}")
         return data
 
     def numbers(self, count: int, example: str) -> list[float]:
-        """A list of `count` finite numbers, such as `example`."""
+        """Return a list of `count` finite numbers, such as `example`."""
         if not isinstance(self.data, list | tuple) or len(self.data) != count:
             raise self.expected(example)
         return [value.number() for value in self.items()]
 
     def point(self) -> Point:
-        """A place on the ground, in m."""
+        """Return a place on the ground, in m."""
         x, y = self.numbers(2, "[x, y] in m")
         return x, y
 
@@ -158,7 +158,7 @@ class ConfigValue:
         return self.data
 
     def choice(self, known: Iterable[str], what: str) -> str:
-        """One of the `known` words, each of which is a `what`."""
+        """Return one of the `known` words, each of which is a `what`."""
         words = list(known)
         if self.text() not in words:
             raise self.error(f"expected {what}, got {self._shown()}; {suggestion(self.text(), words)}")
@@ -172,7 +172,7 @@ class ConfigValue:
 
 
 def entries(parts: Mapping[str, ConfigValue], key: str, known: Iterable[str] | None = None) -> dict[str, ConfigValue]:
-    """The entries of a mapping that may be missing or empty."""
+    """Return the entries of a mapping that may be missing or empty."""
     return parts[key].mapping(known) if key in parts and parts[key].data is not None else {}
 
 
@@ -208,7 +208,7 @@ def parameter(default: Any, unit: str = "", *, up_to: str = "", **limits: Any) -
 
 
 def fill(defaults: Parameters, value: ConfigValue, *, besides: Iterable[str] = ()) -> Parameters:
-    """A dataclass of parameters, changed as a mapping says; keys `besides` its own are left to the caller.
+    """Return a dataclass of parameters, changed as a mapping says; keys `besides` its own are left to the caller.
 
     Raises ConfigError for an unknown key and a value that does not fit.
     """

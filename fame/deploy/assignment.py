@@ -26,8 +26,8 @@ from fame.robot.endpoints import direct_topic
 def assign_robots(
     definitions: Definitions, robots: Sequence[str], *, found: bool, only: Sequence[str]
 ) -> dict[str, Pool]:
-    """The pool of each robot. Of `robots` that were `found`, not named, some may belong to another model; with `only`
-    some of them, pools may stay without a robot.
+    """Return the pool of each robot. Of `robots` that were `found`, not named, some may belong to another model; with
+    `only` some of them, pools may stay without a robot.
 
     Raises DeploymentError and ConfigError for robots that are missing, ModelError for pools that cannot be assigned.
     """
@@ -106,13 +106,13 @@ class SourceMap:
         self._library, self._sent = library, sent
 
     def place(self, file: str, line: int) -> _Place:
-        """The place in the sender's files; an unknown one stays as it is."""
+        """Return the place in the sender's files; an unknown one stays as it is."""
         if file != f"{self._robot}.bpmn":
             return file, line
         return self._places.get(line, (file, line)) if line else (self._definitions.file, 0)
 
     def report(self, report: Report) -> Report:
-        """A report with the places of its errors, and the texts made of them, in the sender's files."""
+        """Return a report with the places of its errors, and the texts made of them, in the sender's files."""
         if not (report.errors or report.problem):
             return report
         errors = [self._located(error) for error in report.errors]

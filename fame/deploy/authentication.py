@@ -67,11 +67,11 @@ class ReportReader:
 
     @classmethod
     def of_sender(cls, robot: str, key: Any, patience: float = math.inf) -> ReportReader:
-        """The reader of a sender that signs with `key`, or of one without keys if it is None."""
+        """Return the reader of a sender that signs with `key`, or of one without keys if it is None."""
         return cls(robot, signed=key is not None, trusted=[] if key is None else [key.public_key()], patience=patience)
 
     def read(self, text: str, now: float = 0.0) -> Report | None:
-        """The report that was received `now` (s), or None if its authentication fails."""
+        """Return the report that was received `now` (s), or None if its authentication fails."""
         report = Report.from_json(text)
         if report is None or not self._is_vouched(report):
             return None
@@ -111,12 +111,13 @@ class ReportReader:
 
 
 def proves_name(report: Report, robot: str, trusted: Sequence[Any]) -> bool:
-    """Whether a trusted key vouches that the key of a report is that of the robot."""
+    """Return whether a trusted key vouches that the key of a report is that of the robot."""
     return report.robot == robot and is_vouched(robot, report.key, report.voucher, trusted)
 
 
 def proves_presence(report: Report, robot: str, trusted: Sequence[Any], now: float) -> bool:
-    """Whether a report proves that an engine of the robot runs `now` (s since 1970); without keys, every one does."""
+    """Return whether a report proves that an engine of the robot runs `now` (s since 1970);
+    without keys, every one does."""
     if not trusted:
         return True
     sent = report.born / 1e9 + report.time
@@ -142,12 +143,12 @@ class Diagram:
 
     @classmethod
     def of(cls, model: str, *, purpose: str, now: float, key: Any) -> Diagram:
-        """A model signed with a private key."""
+        """Return a model signed with a private key."""
         diagram = cls(model=model, hash=model_hash(model.encode(errors="replace")), purpose=purpose, issued=now)
         return replace(diagram, signature=sign(fields.values(diagram), key))
 
     def to_json(self) -> str:
-        """The JSON text that is sent."""
+        """Return the JSON text that is sent."""
         return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
 
 
@@ -159,7 +160,7 @@ class DiagramReader:
         self._newest: dict[str, float] = {}  # purpose -> when what was taken last was signed
 
     def read(self, text: str, purpose: str, now: float) -> str:
-        """The model of a diagram that was received `now` (s since 1970). Raises DeploymentError."""
+        """Return the model of a diagram that was received `now` (s since 1970). Raises DeploymentError."""
         if not self._trusted:
             return text
         diagram = _read(text)

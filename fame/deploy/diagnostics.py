@@ -31,7 +31,7 @@ class DiagnosticsPublisher:
 
 
 def diagnostic_status(report: Report) -> dict[str, Any]:
-    """The fields of a diagnostic_msgs/msg/DiagnosticStatus: the mission of one robot."""
+    """Return the fields of a diagnostic_msgs/msg/DiagnosticStatus: the mission of one robot."""
     past = report.state == "running" and report.failures
     doubts = [*report.warnings, *(f"misses {robot} of its team" for robot in sorted(report.absent))]
     return {

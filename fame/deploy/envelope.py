@@ -47,7 +47,7 @@ class Problem:
 
     @classmethod
     def of(cls, error: FameError) -> Problem | None:
-        """The place of an error of a model, None for any other one."""
+        """Return the place of an error of a model, None for any other one."""
         if not isinstance(error, ModelError):
             return None
         return cls(error.file, error.line, error.element, error.text, error.name)
@@ -148,7 +148,7 @@ class Envelope:
         return self.sequence, self.deployment
 
     def to_json(self) -> str:
-        """The JSON text that is sent."""
+        """Return the JSON text that is sent."""
         return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
 
 
@@ -238,7 +238,7 @@ class Report:
         return ": ".join(filter(None, (f"{self.failed} of {self.started} instances failed", self.error)))
 
     def to_json(self, key: Any = None) -> str:
-        """The JSON text that is sent, signed with a private key if one is given."""
+        """Return the JSON text that is sent, signed with a private key if one is given."""
         found = fields.values(self)
         if key is not None:
             from fame.deploy.signing import sign
@@ -248,7 +248,7 @@ class Report:
 
     @classmethod
     def from_json(cls, text: str) -> Report | None:
-        """The report in a text, or None if it has none."""
+        """Return the report in a text, or None if it has none."""
         try:
             return fields.read(cls, read_json(text, _LONGEST, json_value))
         except (ValueError, TypeError):
@@ -256,12 +256,12 @@ class Report:
 
 
 def model_hash(model: bytes) -> str:
-    """The hash that identifies a model (SHA-256, hexadecimal)."""
+    """Return the hash that identifies a model (SHA-256, hexadecimal)."""
     return hashlib.sha256(model).hexdigest()
 
 
 def read_envelope(text: str, robot: str, now: float) -> Envelope:
-    """The envelope that was received `now` (s since 1970); a bare model becomes one. Raises DeploymentError."""
+    """Return the envelope that was received `now` (s since 1970); a bare model becomes one. Raises DeploymentError."""
     if len(text) > SIZE:
         raise DeploymentError(f"{len(text)} characters; at most {SIZE} are accepted", cause="size")
     text = text.removeprefix("\ufeff")  # byte order mark
@@ -290,7 +290,7 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
 
 
 def stored_envelope(text: str) -> Envelope:
-    """An envelope that an engine has kept as JSON. Raises DeploymentError."""
+    """Return an envelope that an engine has kept as JSON. Raises DeploymentError."""
     try:
         found = read_json(text, 2 * SIZE)  # escaped
         found.pop("fame")
@@ -303,7 +303,7 @@ def stored_envelope(text: str) -> Envelope:
 
 
 def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
-    """An envelope signed `now` (s since 1970) for the engine that was `born` then; unchanged without a key."""
+    """Return an envelope signed `now` (s since 1970) for the engine that was `born` then; unchanged without a key."""
     from fame.deploy.signing import sign
 
     if key is None:
@@ -313,7 +313,7 @@ def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
 
 
 def is_ahead(sequence: int, now: float) -> bool:
-    """Whether a sequence is too far ahead of a clock (s since 1970)."""
+    """Return whether a sequence is too far ahead of a clock (s since 1970)."""
     return sequence > (now + AHEAD) * 1e6
 
 
@@ -325,7 +325,7 @@ def _text_hash(text: str) -> str:
 
 
 def engines(middleware: Middleware) -> list[str]:
-    """The robots (namespaces) that have an engine."""
+    """Return the robots (namespaces) that have an engine."""
     suffix = "/bpmn_status"
     return [
         info.name[1 : -len(suffix)] for info in middleware.graph() if info.name.endswith(suffix) and info.publishers

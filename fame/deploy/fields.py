@@ -17,7 +17,7 @@ from fame.text import is_ros_name
 
 
 def values(message: Any) -> dict[str, Any]:
-    """The fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied."""
+    """Return the fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied."""
     names, all_of = _getter(message.__class__)
     return dict(zip(names, all_of(message), strict=True))
 
@@ -37,27 +37,27 @@ LAST = 2**53
 
 
 def text(longest: int) -> FieldCheck:
-    """A text of at most `longest` characters."""
+    """Return a text of at most `longest` characters."""
     return lambda value: isinstance(value, str) and len(value) <= longest
 
 
 def among(*values: str) -> FieldCheck:
-    """One of some texts."""
+    """Return one of some texts."""
     return lambda value: isinstance(value, str) and value in values
 
 
 def integer(lowest: int = 0, end: int = LAST) -> FieldCheck:
-    """An integer from `lowest` to below `end`."""
+    """Return an integer from `lowest` to below `end`."""
     return lambda value: type(value) is int and lowest <= value < end
 
 
 def number(value: Any) -> bool:
-    """A finite number that fits into a float."""
+    """Return a finite number that fits into a float."""
     return (type(value) is int and abs(value) < LAST) or (type(value) is float and math.isfinite(value))
 
 
 def seconds(longest: float) -> FieldCheck:
-    """A number from 0 to `longest`."""
+    """Return a number from 0 to `longest`."""
     return lambda value: number(value) and 0 <= value <= longest
 
 
@@ -71,36 +71,36 @@ def robot(value: Any) -> bool:
 
 
 def topic(value: Any) -> bool:
-    """The full name of a topic."""
+    """Return the full name of a topic."""
     return isinstance(value, str) and len(value) <= 250 and is_ros_name(value)
 
 
 def sequence(each: FieldCheck) -> FieldCheck:
-    """A list of at most 10,000 values."""
+    """Return a list of at most 10,000 values."""
     return lambda value: isinstance(value, list) and len(value) <= 10_000 and all(map(each, value))
 
 
 def mapping(key: FieldCheck, each: FieldCheck) -> FieldCheck:
-    """An object of at most 10,000 names."""
+    """Return an object of at most 10,000 names."""
     return lambda value: (
         isinstance(value, dict) and len(value) <= 10_000 and all(map(key, value)) and all(map(each, value.values()))
     )
 
 
 def record(checks: Mapping[str, FieldCheck]) -> FieldCheck:
-    """An object with these fields, or some of them."""
+    """Return an object with these fields, or some of them."""
     return lambda value: isinstance(value, dict) and first_invalid(value, checks) is None
 
 
 @cache
 def checks(cls: Any) -> Mapping[str, FieldCheck]:
-    """The checks of the fields of a message."""
+    """Return the checks of the fields of a message."""
     hints = get_type_hints(cls, include_extras=True)
     return {name: hints[name].__metadata__[0] for name in _getter(cls)[0]}
 
 
 def read(cls: Callable[..., _Message], found: Any) -> _Message:
-    """A message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
+    """Return a message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
     if not isinstance(found, dict):
         raise TypeError("not an object")
     field = first_invalid(found, checks(cls))
@@ -110,7 +110,7 @@ def read(cls: Callable[..., _Message], found: Any) -> _Message:
 
 
 def first_invalid(found: Mapping[str, Any], checks: Mapping[str, FieldCheck]) -> str | None:
-    """The first field of `found` that is unknown or does not pass, or None."""
+    """Return the first field of `found` that is unknown or does not pass, or None."""
     for name, value in found.items():
         check = checks.get(name)
         if check is None or not check(value):

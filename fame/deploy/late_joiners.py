@@ -120,7 +120,7 @@ LateJoinerEvent = Reported | Left | Polled | RobotStarted | CalledOff | Deployme
 
 
 def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tuple[LateJoinerAction, ...]]:
-    """The next state and the actions."""
+    """Return the next state and the actions."""
     match event:
         case Reported(robot, reported, ours):
             state = _placed(state, robot, ours)

@@ -50,14 +50,14 @@ class SplitterStatus:
     signature: fields.Name = ""
 
     def signed(self, key: Any, now: float) -> SplitterStatus:
-        """The status signed by a private key `now`, or unchanged without a key."""
+        """Return the status signed by a private key `now`, or unchanged without a key."""
         if key is None:
             return self
         issued = replace(self, issued=now)
         return replace(issued, signature=sign(fields.values(issued), key))
 
     def is_believed(self, trusted: Sequence[Any], now: float) -> bool:
-        """Whether one of the trusted keys signed it not long before `now` (s since 1970); true without keys."""
+        """Return whether one of the trusted keys signed it not long before `now` (s since 1970); true without keys."""
         if not trusted:
             return True
         try:
@@ -67,12 +67,12 @@ class SplitterStatus:
         return abs(now - self.issued) <= RECENT
 
     def to_json(self) -> str:
-        """The JSON text that is sent."""
+        """Return the JSON text that is sent."""
         return json.dumps(fields.values(self))
 
     @classmethod
     def from_json(cls, text: str) -> SplitterStatus | None:
-        """The status in a text, or None if it has none."""
+        """Return the status in a text, or None if it has none."""
         try:
             return fields.read(cls, read_json(text))
         except (ValueError, TypeError):
@@ -151,7 +151,7 @@ ElectionAction = Lead | StandBy
 
 
 def step(state: ElectionState, event: ElectionEvent) -> tuple[ElectionState, tuple[ElectionAction, ...]]:
-    """The next state and the actions."""
+    """Return the next state and the actions."""
     match event:
         case SplitterStatusReceived(status, now):
             return _on_status(state, status, now), ()

@@ -89,7 +89,7 @@ class Work(Generic[_Result]):
 def load(
     model: str, robot: str, options: EngineOptions, *, scheduler: Scheduler, middleware: Middleware
 ) -> LoadingTask[RobotNode]:
-    """A robot's node with the process of a .bpmn text, its endpoints made.
+    """Yield a robot's node with the process of a .bpmn text, its endpoints made.
 
     If its `state` is to be kept on disk, a model is refused whose state cannot be stored.
 

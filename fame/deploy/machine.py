@@ -14,7 +14,7 @@ _Action = TypeVar("_Action")
 
 
 def boundary(handle: Callable[[Any], object], refuse: Callable[[str], object]) -> Callable[[Any], None]:
-    """A handler of messages from outside for which no message ends this process: `refuse` gets what went wrong.
+    """Return a handler of messages from outside for which no message ends this process: `refuse` gets what went wrong.
 
     Only a FameError passes. For the signals of a mission there is no such boundary: their errors belong to its engine.
     """
@@ -31,7 +31,7 @@ def boundary(handle: Callable[[Any], object], refuse: Callable[[str], object]) -
 
 
 def unexpected(error: Exception) -> str:
-    """The reason of a refusal for an error that nobody foresaw."""
+    """Return the reason of a refusal for an error that nobody foresaw."""
     return f"it could not be handled: {type(error).__name__}: {error}"
 
 

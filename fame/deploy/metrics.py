@@ -41,7 +41,7 @@ class Metrics:
         self._report, self._heard = report, monotonic()
 
     def collect(self) -> Iterator[Metric]:
-        """All metrics; those of a robot that has not reported have no samples."""
+        """Yield all metrics; those of a robot that has not reported have no samples."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, StateSetMetricFamily
 
         report = self._report

@@ -34,7 +34,7 @@ _WORDS = ("keep", "restart", "abandon")
 
 
 def read_plan(path: Path) -> dict[str, Any]:
-    """A plan as plain data. Raises ConfigError with file, line and key."""
+    """Return a plan as plain data. Raises ConfigError with file, line and key."""
     from fame.config.loader import read_document
 
     document = read_document(path).mapping(["elements", "variables"])
@@ -63,7 +63,7 @@ def _variable(value: ConfigValue) -> Any:
 
 
 def plan_of(data: Mapping[str, Any]) -> MigrationPlan:
-    """The plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
+    """Return the plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
     from fame.engine.migration import MigrationPlan
 
     elements, variables = (
@@ -113,7 +113,7 @@ class Foreseen:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Foreseen:
-        """What a report has; what it does not have is empty."""
+        """Return what a report has; what it does not have is empty."""
         from fame.engine.migration import MigratedToken
 
         tokens, gone = (
@@ -124,7 +124,7 @@ class Foreseen:
 
 
 def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) -> Foreseen:
-    """What would become of what runs (`old`, of the model with this hash) in a loaded process."""
+    """Return what would become of what runs (`old`, of the model with this hash) in a loaded process."""
     from fame.robot.state_transfer import gone_elements, what_becomes
 
     parsed = plan_of(plan)

@@ -91,7 +91,7 @@ class DeploymentOptions:
     preview: bool = False
 
     def patience_of(self, robots: int) -> float:
-        """How long a deployment to some robots waits for their answers (s)."""
+        """Return how long a deployment to some robots waits for their answers (s)."""
         if self.patience is not None:
             return self.patience
         return max(PATIENCE, PATIENCE_PER_ROBOT * robots) * self.load

@@ -51,7 +51,7 @@ class RequestVerifier:
             raise DeploymentError("asks about another deployment than the signed one", cause="signature")
 
     def verify_task(self, request: TaskRequest) -> str:
-        """The fingerprint of the key that signed a request.
+        """Return the fingerprint of the key that signed a request.
 
         Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
         """
@@ -62,11 +62,11 @@ class RequestVerifier:
         return self._signer(request)
 
     def proves_presence(self, report: Report) -> bool:
-        """Whether a report proves that an engine of the robot runs now; without keys, every one does."""
+        """Return whether a report proves that an engine of the robot runs now; without keys, every one does."""
         return proves_presence(report, self.robot, self._trusted, self._wall_time())
 
     def sender(self, envelope: Envelope) -> str:
-        """Who sent a deployment, for people: the fingerprint of the key, or the name that the sender gave."""
+        """Return who sent a deployment, for people: the fingerprint of the key, or the name that the sender gave."""
         return self._signer(envelope) or f"{printable(envelope.who) or 'unknown'} (unverified)"
 
     def _signer(self, message: Envelope | TaskRequest) -> str:

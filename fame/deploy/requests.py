@@ -73,12 +73,13 @@ class TaskRequest:
     signature: fields.Name = ""
 
     def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
-        """The request signed by a private key `now` (s since 1970) for the engine of a robot that was `born` then."""
+        """Return the request signed by a private key `now` (s since 1970) for the engine of a
+        robot that was `born` then."""
         request = replace(self, robot=robot, born=born, issued=now)
         return replace(request, signature=sign(fields.values(request), key))
 
     def to_json(self) -> str:
-        """The JSON text that is sent."""
+        """Return the JSON text that is sent."""
         return json.dumps(fields.values(self), sort_keys=True)
 
 

@@ -69,7 +69,7 @@ class StateKeeper:
     # ---- reading -----------------------------------------------------------------------------------------------------
 
     def read(self, trusted: Sequence[Any]) -> StoredMission | None:
-        """What was running, if something was.
+        """Return what was running, if something was.
 
         Raises ConfigError for a journal that is damaged, foreign, of another robot or not signed by a trusted key.
         """
@@ -92,7 +92,8 @@ class StateKeeper:
         return _verified(data, path, trusted)
 
     def promised(self, trusted: Sequence[Any]) -> tuple[list[Envelope], str]:
-        """What the engine before was ready to start, verified, oldest first; and why not all of it can be read."""
+        """Return what the engine before was ready to start, verified, oldest first; and why not
+        all of it can be read."""
         path = self.directory.path / _PROMISE
         damaged = ConfigError("is damaged", file=str(path))
         try:
@@ -114,7 +115,7 @@ class StateKeeper:
             raise ConfigError(f"cannot be read: {error.strerror}", file=str(self.directory.path / name)) from None
 
     def away(self, stored: StoredMission, process: RobotNode) -> float:
-        """How long the engine was away (s)."""
+        """Return how long the engine was away (s)."""
         if not process.scheduler.is_simulated:
             return max(0.0, self._wall_time() - self.directory.last_seen)
         from fame.robot.restoring import epoch_of, last_time

@@ -89,7 +89,8 @@ _STARTING = "it starts as soon as its state can be written"
 
 
 def step(state: RobotDeployment, event: RobotEvent) -> tuple[RobotDeployment, tuple[RobotAction, ...]]:
-    """The next state, and what is to be done in this order. An event that does not fit the state changes nothing."""
+    """Return the next state, and what is to be done in this order. An event that does not fit the
+    state changes nothing."""
     move = _Transition(state)
     match event:
         case Received(envelope):

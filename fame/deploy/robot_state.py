@@ -93,22 +93,22 @@ class RobotDeployment:
         return self.running.deployment if self.running is not None else ""
 
     def answer_to(self, deployment: str) -> Reply | None:
-        """The last final answer."""
+        """Return the last final answer."""
         return next((one for one in self.answers if one.deployment == deployment), None)
 
     def candidate_of(self, deployment: str) -> Candidate | None:
-        """The candidate, if it came with this deployment."""
+        """Return the candidate, if it came with this deployment."""
         same = self.candidate is not None and self.candidate.envelope.deployment == deployment
         return self.candidate if same else None
 
     def knows(self, deployment: str) -> bool:
-        """Whether it is under way here, promised or answered."""
+        """Return whether it is under way here, promised or answered."""
         under_way = any(one is not None and one.deployment == deployment for one in (self.waiting, self.loading))
         answered = self.candidate_of(deployment) is not None or self.answer_to(deployment) is not None
         return under_way or answered or self.kept(deployment) is not None
 
     def kept(self, deployment: str) -> Kept | None:
-        """The promise for a deployment, if it waits."""
+        """Return the promise for a deployment, if it waits."""
         return next((kept for kept in self.promises if kept.envelope.deployment == deployment), None)
 
     @property
@@ -119,7 +119,7 @@ class RobotDeployment:
 
 
 def resumed(robot: str, envelope: Envelope, born: int = 0) -> RobotDeployment:
-    """The state of a robot whose engine goes on with what it had been running."""
+    """Return the state of a robot whose engine goes on with what it had been running."""
     answers = (Reply("started", envelope.deployment),)
     return RobotDeployment(
         robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers, born=born

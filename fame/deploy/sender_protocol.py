@@ -217,7 +217,7 @@ SenderAction = Prepare | SendEnvelope | StartTimer | Approve | CancelTimers | En
 
 
 def step(state: SenderState, event: SenderEvent) -> tuple[SenderState, tuple[SenderAction, ...]]:
-    """The next state, and what is to be done in this order. After the end nothing changes."""
+    """Return the next state, and what is to be done in this order. After the end nothing changes."""
     if state.phase == "over":
         return state, ()
     match event:

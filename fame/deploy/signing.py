@@ -65,7 +65,7 @@ def new_run_key(public: Path) -> Ed25519PrivateKey:
 
 
 def read_private(path: Path) -> Ed25519PrivateKey:
-    """The secret key of a file. Raises ConfigError."""
+    """Return the secret key of a file. Raises ConfigError."""
     ed25519, serialization = _cryptography()
     key = _read(path, lambda data: serialization.load_pem_private_key(data, None))
     if os.name == "posix" and stat.S_IMODE(path.stat().st_mode) & 0o077:
@@ -78,7 +78,7 @@ def read_private(path: Path) -> Ed25519PrivateKey:
 
 
 def read_trusted(paths: Sequence[Path]) -> list[Ed25519PublicKey]:
-    """The public keys of some files, each of one or many, with anything between them. Raises ConfigError."""
+    """Return the public keys of some files, each of one or many, with anything between them. Raises ConfigError."""
     ed25519, serialization = _cryptography()
     keys = []
     for path in paths:
@@ -119,7 +119,7 @@ def new_identity(robot: str, team: Ed25519PrivateKey, path: Path) -> None:
 
 
 def read_identity(path: Path, robot: str) -> Identity:
-    """The identity of a robot's engine. Raises ConfigError, also for one of another robot."""
+    """Return the identity of a robot's engine. Raises ConfigError, also for one of another robot."""
     private = read_private(path)
     words = path.read_text(errors="replace").partition("\n")[0].split()
     if len(words) != 3 or words[0] != "#":
@@ -130,7 +130,7 @@ def read_identity(path: Path, robot: str) -> Identity:
 
 
 def is_vouched(robot: str, key: str, voucher: str, trusted: Sequence[Ed25519PublicKey]) -> bool:
-    """Whether a trusted key has signed that a public key (as text) is that of a robot."""
+    """Return whether a trusted key has signed that a public key (as text) is that of a robot."""
     try:
         verify_signature({**_name_of(robot, key), "signature": voucher}, trusted)
     except DeploymentError:
@@ -139,7 +139,7 @@ def is_vouched(robot: str, key: str, voucher: str, trusted: Sequence[Ed25519Publ
 
 
 def is_signed(content: Mapping[str, Any], key: str) -> bool:
-    """Whether the owner of a public key (as text) signed it."""
+    """Return whether the owner of a public key (as text) signed it."""
     try:
         verify_signature(content, [_public(key)])
     except (ValueError, DeploymentError):
@@ -160,7 +160,7 @@ def _name_of(robot: str, key: str) -> dict[str, str]:
 
 
 def sign(content: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
-    """The signature of what an envelope says, as base64."""
+    """Return the signature of what an envelope says, as base64."""
     return base64.b64encode(_signature(key, _signed_part(content))).decode()
 
 
@@ -199,7 +199,7 @@ def _has_signed(key: Ed25519PublicKey, signature: bytes, part: bytes) -> bool:
 
 
 def signer(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> str:
-    """The fingerprint of the trusted key that signed it; empty if none did."""
+    """Return the fingerprint of the trusted key that signed it; empty if none did."""
     _, serialization = _cryptography()
     raw = serialization.Encoding.Raw, serialization.PublicFormat.Raw
     for key in trusted:

@@ -261,7 +261,7 @@ class SplitterNode:
         self._status.publish(messages.create(STRING, status.to_json()))
 
     def stop(self) -> bool:
-        """Whether it needs time to end: never, since the robots go on without it."""
+        """Return whether it needs time to end: never, since the robots go on without it."""
         return False
 
     def close(self) -> None:

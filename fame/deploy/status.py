@@ -59,7 +59,7 @@ class EngineWarnings:
         return [warning for warning in new if warning.topic == self._except_for]
 
     def lines(self) -> list[str]:
-        """The latest warnings, for a report."""
+        """Return the latest warnings, for a report."""
         return [*self._losses[:_KEPT], *map(str, self._latest)]
 
 
@@ -147,11 +147,11 @@ class Namesakes:
         return f"{age} engine has the name {self._robot!r}; this one continues, because it {why}"
 
     def texts(self, now: int) -> list[str]:
-        """What there is to say of those that are there `now` (ns), each once."""
+        """Return what there is to say of those that are there `now` (ns), each once."""
         return list(dict.fromkeys(each.text for each in self._heard.values() if each.counts and _is_there(each, now)))
 
     def is_contested(self, now: int) -> bool:
-        """Whether another one is there `now` (ns) that proves the name."""
+        """Return whether another one is there `now` (ns) that proves the name."""
         return any(each.counts and each.proved and _is_there(each, now) for each in self._heard.values())
 
 
@@ -310,7 +310,8 @@ class LostEnds:
     def texts(
         self, envelope: Envelope | None, robot: str, now: int, graph: Callable[[], Sequence[TopicInfo]]
     ) -> list[str]:
-        """What to say at `now` (ns) of the ends that `robot` was promised; `graph` is called once a heartbeat."""
+        """Return what to say at `now` (ns) of the ends that `robot` was promised; `graph` is
+        called once a heartbeat."""
         if envelope is None or not envelope.promises:
             return []
         if envelope.deployment != self._deployment:
@@ -346,7 +347,7 @@ def _others(info: TopicInfo | None, end: str, robot: str) -> list[str]:
 
 
 def state_of(process: RobotNode | None) -> str:
-    """The `Report.state` of a process."""
+    """Return the `Report.state` of a process."""
     if process is None:
         return "waiting"
     if process.engine.incidents:
@@ -359,7 +360,7 @@ def state_of(process: RobotNode | None) -> str:
 
 
 def progress(process: RobotNode | None) -> dict[str, Any]:
-    """The fields of a `Report` on a process."""
+    """Return the fields of a `Report` on a process."""
     if process is None:
         return {}
     try:

@@ -106,7 +106,7 @@ NONE_STARTED = "the sender fell silent before it started any robot"
 
 
 def step(state: Ready, event: TerminationEvent) -> tuple[Ready, TerminationAction | None]:
-    """The next state, and the action if there is one. After `StartCandidate` and `Abort` nothing follows."""
+    """Return the next state, and the action if there is one. After `StartCandidate` and `Abort` nothing follows."""
     match event:
         case Instruction(phase="abort"):
             return state, Abort()
@@ -134,7 +134,7 @@ def _alone_or(state: Ready, action: TerminationAction | None) -> tuple[Ready, Te
 
 
 def reply(state: Ready | None, *, started: bool) -> str:
-    """What a robot answers to another one that asks. `state` is its own if it is ready.
+    """Return what a robot answers to another one that asks. `state` is its own if it is ready.
 
     Whoever answers ``aborted`` promises never to become ready.
     """

@@ -31,7 +31,7 @@ def is_bag(path: Path) -> bool:
 def judge_bag(
     path: Path, properties: Sequence[Property], model: Definitions | None, team: Vocabulary | None
 ) -> list[Judgement]:
-    """The judgements about a bag; `model` and `team` as for `judge_log`. Raises ConfigError for a broken one."""
+    """Return the judgements about a bag; `model` and `team` as for `judge_log`. Raises ConfigError for a broken one."""
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 

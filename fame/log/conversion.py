@@ -38,7 +38,7 @@ OnProgress = Callable[[float], object]
 
 
 def models_of(recording: Recording) -> list[Definitions]:
-    """The models in a recording; those that cannot be read are left out."""
+    """Return the models in a recording; those that cannot be read are left out."""
     from fame.bpmn import read_bytes
 
     found = []

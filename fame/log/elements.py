@@ -20,7 +20,7 @@ UNKNOWN: ElementInfo = ElementInfo("", "", False)
 
 
 def element_info(files: Iterable[Definitions]) -> dict[str, ElementInfo]:
-    """All processes, flow nodes and sequence flows by id. The first of several elements with one id counts."""
+    """Return all processes, flow nodes and sequence flows by id. The first of several elements with one id counts."""
     found: dict[str, ElementInfo] = {}
     for process in (process for file in files for process in file.processes):
         parts = [part for body in process.body.bodies() for part in (*body.nodes, *body.flows)]

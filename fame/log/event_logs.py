@@ -58,7 +58,7 @@ class RecordedEvents:
 
 
 def read_event_log(path: Path, model: Definitions) -> RecordedEvents:
-    """The events in a file of a mission with this model. Raises ConfigError."""
+    """Return the events in a file of a mission with this model. Raises ConfigError."""
     if path.name.lower().endswith((XES, OCEL)):
         try:
             return (_read_xes if path.suffix.lower() == XES else _read_ocel)(path, model)

@@ -45,7 +45,8 @@ def judge_log(
     apart: int = 0,
     is_open: bool = False,
 ) -> list[Judgement]:
-    """The judgements about a log; `model` is that of a log of events alone, `team` what is known of the team of a run.
+    """Return the judgements about a log; `model` is that of a log of events alone, `team` what is
+    known of the team of a run.
 
     `apart` (ns): how far the clocks of two robots of a recording may be apart. Each robot is also judged that much
     later; what is violated only as the clocks stand is not known. So is what an incomplete recording does not violate,
@@ -193,7 +194,8 @@ class TeamJudge:
         self._use(self.judge if self._expected else Judge(monitors), team)
 
     def kept(self) -> dict[str, Any]:
-        """What it has to keep, as plain data: another one goes on from it (`take_up`), perhaps in another process."""
+        """Return what it has to keep, as plain data: another one goes on from it (`take_up`),
+        perhaps in another process."""
         team = self._team.part({(robot, element) for robot, element, _ in self._named})
         done = {robot: self._done(robot, state) for robot, state in self._robots.items()}
         return {
@@ -248,7 +250,7 @@ class TeamJudge:
                 self.judge.doubt(robot, 0)
 
     def finish(self, time: int, *, complete: bool) -> list[Judgement]:
-        """The judgements at the end of what was recorded."""
+        """Return the judgements at the end of what was recorded."""
         for robot in sorted(self._expected - self._seen):
             self.judge.lose(robot, f"nothing of {robot} was recorded")
         return self.judge.finish(time, complete=complete)
@@ -335,7 +337,7 @@ class TeamJudge:
 
 
 def runs(state: TeamState) -> bool:
-    """Whether an instance of a robot runs."""
+    """Return whether an instance of a robot runs."""
     return any(status == "running" for one in state.robots.values() for _, status in one.instances.values())
 
 
@@ -382,7 +384,7 @@ def _delayed(recording: Recording, late: Mapping[str, int]) -> Iterable[tuple[in
 
 
 def team_of_model(model: Definitions | None) -> tuple[dict[str, str], list[Definitions]]:
-    """The robots that a model names and their processes (ids), and its files; nothing without a model."""
+    """Return the robots that a model names and their processes (ids), and its files; nothing without a model."""
     if model is None:
         return {}, []
     pools, library = pools_of(model), Library()

@@ -78,13 +78,13 @@ class _Lines(Observer):
 
 
 def usual(id: str, name: ElementInfo) -> Iterator[Mark]:
-    """The marks of an element in a run without errors."""
+    """Yield the marks of an element in a run without errors."""
     for what in ("take",) if name.tag == "sequenceFlow" else ("enter", "leave"):
         yield id, what, None
 
 
 def encoded(text: str) -> bytes:
-    """The text as bytes of the file."""
+    """Return the text as bytes of the file."""
     return text.encode("utf-8", "backslashreplace")
 
 

@@ -75,7 +75,7 @@ class LiveJudge(Sink):
         self._meet()
 
     def kept(self) -> dict[str, Any]:
-        """What it has to keep, as plain data; nothing before all robots have come."""
+        """Return what it has to keep, as plain data; nothing before all robots have come."""
         return self._judge.kept() if self._ready else {}
 
     def take_up(self, kept: Mapping[str, Any]) -> None:

@@ -114,11 +114,11 @@ class LiveTeam(Closing):
         return sorted(self._sources)
 
     def last_time(self, robot: str) -> int:
-        """The time of a robot's clock in its last batch (ns); 0 without one."""
+        """Return the time of a robot's clock in its last batch (ns); 0 without one."""
         return self._sources[robot].time if robot in self._sources else 0
 
     def last_end(self, robot: str) -> int:
-        """The end of a robot's last batch (ns since `epoch`); 0 without one."""
+        """Return the end of a robot's last batch (ns since `epoch`); 0 without one."""
         return self._sources[robot].until if robot in self._sources else 0
 
     def feed(self, robot: str, batch: Mapping[str, Any]) -> None:
@@ -297,5 +297,5 @@ def _is_time(value: object) -> bool:
 
 
 def now_since(epoch: datetime | None) -> int:
-    """The real time in ns since an epoch; 0 before it is known."""
+    """Return the real time in ns since an epoch; 0 before it is known."""
     return 0 if epoch is None else nanoseconds_between(epoch, datetime.now(UTC))

@@ -51,7 +51,7 @@ class McapIndex:
 
 
 def read_index(stream: BinaryIO, file: str) -> McapIndex:
-    """The index of a file. Raises ConfigError if it is not MCAP."""
+    """Return the index of a file. Raises ConfigError if it is not MCAP."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import McapError
     from mcap.stream_reader import read_magic
@@ -72,7 +72,7 @@ def read_index(stream: BinaryIO, file: str) -> McapIndex:
 
 
 def chunk_messages(stream: BinaryIO, offset: int, file: str) -> Iterator[tuple[int, int, bytes]]:
-    """The messages of the chunk at an offset: ns, number of the channel, content.
+    """Yield the messages of the chunk at an offset: ns, number of the channel, content.
 
     Raises ConfigError if it is damaged.
     """

@@ -36,6 +36,6 @@ class MissionLevel:
         self._topics = {name.replace("~", f"/{robot}", 1) for name in names for robot in self._robots}
 
     def has_signal(self, message: RecordedMessage) -> bool:
-        """Whether a message is a signal of the mission, which no robot's own part has sent."""
+        """Return whether a message is a signal of the mission, which no robot's own part has sent."""
         own = message.topic.split("/")[1] in self._robots
         return message.topic in self._topics and (not own or message.node.endswith(f"/{ENGINE}"))

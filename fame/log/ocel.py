@@ -178,7 +178,7 @@ class _Log:
     labels: dict[str, None] = field(default_factory=dict)
 
     def date(self, time: int) -> str:
-        """A time of the recording (ns) as date."""
+        """Return a time of the recording (ns) as date."""
         return date_at(self.epoch, time).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
     def event(self, kind: str, time: int, attributes: Mapping[str, str], related: Mapping[str, str]) -> None:
@@ -210,12 +210,12 @@ class _Log:
         return self.object(f"robot:{name}", "robot", time, {})
 
     def named(self, robot: str, place: Mapping[str, Any], time: int) -> dict[str, str]:
-        """The objects that variables name at a place: id -> type."""
+        """Return the objects that variables name at a place: id -> type."""
         found = self.variables.of(robot, place).items()
         return {self.object(f"{kind}:{value}", kind, time, {}): kind for kind, value in found}
 
     def instance(self, robot: str, number: int, time: int, attributes: Mapping[str, str]) -> str:
-        """The object of a process instance."""
+        """Return the object of a process instance."""
         return self.object(f"instance:{robot}/{number}", "instance", time, attributes, robot=self.robot(robot, time))
 
     def to_json(self) -> dict[str, Any]:

@@ -27,7 +27,7 @@ _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 
 
 def visits(path: str | Path) -> Counter[str]:
-    """How often a token reached each element and each flow, from a .jsonl or .csv log, or a recording.
+    """Return how often a token reached each element and each flow, from a .jsonl or .csv log, or a recording.
 
     Raises ConfigError if the file is not such a log.
     """
@@ -38,7 +38,7 @@ def visits(path: str | Path) -> Counter[str]:
 def outcomes(
     path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()
 ) -> dict[str, Counter[ElementOutcome]]:
-    """How often each element of a model had each outcome, from a log or recording. Flows are completed.
+    """Return how often each element of a model had each outcome, from a log or recording. Flows are completed.
 
     `robots`: of these alone. An execution is waiting if it had not ended when the log ended, and cancelled if its
     process ended first. Raises ConfigError if the file is not such a log, belongs to another model, or lacks a robot.
@@ -62,7 +62,7 @@ class RunOutcomes:
     violations: Sequence[tuple[float, str, str, str]] = ()
 
     def notes(self, definitions: Definitions) -> list[str]:
-        """The notes below a drawing: robots of the path, duration, failures."""
+        """Return the notes below a drawing: robots of the path, duration, failures."""
         names = element_info([definitions])
         lines = [f"{', '.join(self.robots)}: {self.start:.1f} s to {self.end:.1f} s"] if self.robots else []
         for second, robot, element, code in self.failures:
@@ -73,7 +73,7 @@ class RunOutcomes:
 
 
 def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()) -> RunOutcomes:
-    """The path of a run through a model. See `outcomes`."""
+    """Return the path of a run through a model. See `outcomes`."""
     instances: dict[tuple[str, str], _Instance] = {}
     seconds: list[float] = []
     violations: list[tuple[float, str, str, str]] = []
@@ -142,7 +142,8 @@ class _Instance:
                 self.own.add(element)
 
     def tally(self, counts: Counter[str]) -> Counter[ElementOutcome]:
-        """The outcomes of one element. An error end event has the marks leave and fail, which count as one failure."""
+        """Return the outcomes of one element. An error end event has the marks leave and fail,
+        which count as one failure."""
         under_way = counts["enter"] - counts["leave"] - counts["cancel"] - counts["fail"]
         completed = counts["take"] + counts["leave"] + min(under_way, 0)
         tally: Counter[ElementOutcome] = Counter(
@@ -173,7 +174,7 @@ def _check_same_model(instances: Iterable[_Instance], definitions: Definitions, 
 
 
 def damage(path: Path) -> Sequence[str]:
-    """What is wrong with a recording that can be read in part; nothing of other logs."""
+    """Return what is wrong with a recording that can be read in part; nothing of other logs."""
     if path.suffix.lower() != ".mcap":
         return ()
     with Recording(path) as recording:

@@ -199,7 +199,7 @@ def recording_to(
 
 
 def model_attachments(files: Iterable[Definitions]) -> Iterator[tuple[str, str, bytes]]:
-    """The models of a run as attachments: name, media type, content."""
+    """Yield the models of a run as attachments: name, media type, content."""
     used: set[str] = set()
     for definitions in files:
         path, number = Path(definitions.file), 1

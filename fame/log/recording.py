@@ -43,7 +43,7 @@ class RecordedMessage(NamedTuple):
     node: str = ""
 
     def json(self) -> Any:
-        """The content of a message of FAME's own channels."""
+        """Return the content of a message of FAME's own channels."""
         return json.loads(self.data)
 
 
@@ -131,7 +131,7 @@ class Recording(Closing):
         self._load: Callable[[ChunkPlace], list[RecordedMessage]] = lru_cache(_KEPT_CHUNKS)(self._read_chunk)
 
     def reopen(self) -> Recording:
-        """The same recording for another thread, without reading its index again. To be closed as well.
+        """Return the same recording for another thread, without reading its index again. To be closed as well.
 
         Raises ConfigError if the file cannot be read any more.
         """
@@ -222,7 +222,8 @@ class Recording(Closing):
                     yield message
 
     def decode(self, message: RecordedMessage) -> dict[str, Any]:
-        """The content of a message as plain data. Raises MessageError if it does not fit the type of its topic."""
+        """Return the content of a message as plain data. Raises MessageError if it does not fit
+        the type of its topic."""
         topic = self.topics[message.topic]
         if topic.encoding == "json":
             with self._as_written():
@@ -234,7 +235,8 @@ class Recording(Closing):
         return messages.to_mapping(codec.deserialize(message.data, topic.type))
 
     def typestore(self, type: str) -> Any:
-        """The type store of rosbags with a type of its messages, as the recording defines it. Raises MessageError."""
+        """Return the type store of rosbags with a type of its messages, as the recording defines
+        it. Raises MessageError."""
         from fame.middleware import codec
 
         if type not in self._types:
@@ -253,7 +255,7 @@ class Recording(Closing):
                 yield from found
 
     def state(self, time: int) -> TeamState:
-        """The state of the team at the end of the instant `time` (ns)."""
+        """Return the state of the team at the end of the instant `time` (ns)."""
         key = self.last(KEY, time)
         with self._as_written():
             state = TeamState(time) if key is None else TeamState.from_key(key.time, key.json())
@@ -263,25 +265,26 @@ class Recording(Closing):
         return state
 
     def world(self, time: int) -> dict[str, dict[str, Any]]:
-        """The last appearance of the simulated robots up to `time` (ns), by name; empty without a world."""
+        """Return the last appearance of the simulated robots up to `time` (ns), by name; empty without a world."""
         message = self.last(WORLD, time)
         with self._as_written():
             return dict(scene_values(message.json())) if message is not None else {}
 
     def ground(self, time: int) -> dict[str, Any]:
-        """The objects on the ground at `time` (ns); empty without a world."""
+        """Return the objects on the ground at `time` (ns); empty without a world."""
         message = self.last(GROUND, time) or self.last(GROUND, self.end)
         with self._as_written():
             return dict(scene_values(message.json())).get("ground", {}) if message is not None else {}
 
     def scenes(self) -> Iterator[tuple[int, str, dict[str, Any]]]:
-        """The simulated world by time: ns, name of a robot or ``ground``, and what FAME's own view draws of it."""
+        """Yield the simulated world by time: ns, name of a robot or ``ground``, and what FAME's
+        own view draws of it."""
         for message in self.messages((WORLD, GROUND)):
             with self._as_written():
                 yield from ((message.time, *each) for each in list(scene_values(message.json())))
 
     def last(self, topic: str, time: int) -> RecordedMessage | None:
-        """The last message of a topic until `time` (ns)."""
+        """Return the last message of a topic until `time` (ns)."""
         numbers = {number for number, channel in self._channels.items() if channel.topic == topic}
         best: RecordedMessage | None = None
         chunks = [chunk for chunk in self._chunks if chunk.start <= time and chunk.channels & numbers]
@@ -358,7 +361,7 @@ def _is_model(name: str) -> bool:
 
 
 def scene_values(scene: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """What FAME's own view draws of the entities of a scene: appearances of robots by name, and ``ground``."""
+    """Yield what FAME's own view draws of the entities of a scene: appearances of robots by name, and ``ground``."""
     for entity in scene["entities"]:
         values = (pair["value"] for pair in entity["metadata"] if pair["key"] in ("appearance", "ground"))
         yield entity["id"], json.loads(next(values, "{}"))

@@ -33,7 +33,7 @@ class Sink:
         """Take a message of one of `CHANNELS` at a time (ns). Nobody changes the data any more."""
 
     def message_channel(self, topic: str, type: str, node: str) -> int:
-        """The number of a new channel for messages of a ROS 2 type that `node` (full name) publishes."""
+        """Return the number of a new channel for messages of a ROS 2 type that `node` (full name) publishes."""
         return 0
 
     def message(self, channel: int, time: int, message: Message) -> None:

@@ -27,7 +27,7 @@ class TeamState:
 
     @classmethod
     def from_key(cls, time: int, data: Mapping[str, Any]) -> TeamState:
-        """The state that a key message holds."""
+        """Return the state that a key message holds."""
         return cls(time, {name: RobotState.from_key(robot) for name, robot in data["robots"].items()})
 
     def apply(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
@@ -70,7 +70,7 @@ class KeyWriter:
 
 
 def shift_times(topic: str, data: Mapping[str, Any], by: int) -> Mapping[str, Any]:
-    """A message of FAME's own channels with the times that it contains on a clock `by` ns ahead."""
+    """Return a message of FAME's own channels with the times that it contains on a clock `by` ns ahead."""
     if not by or topic not in (WAITING, KEY, PROPERTIES):
         return data
     if topic == PROPERTIES:

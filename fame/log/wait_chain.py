@@ -39,7 +39,8 @@ class WaitChain:
         self._infos = {robot: element_info(files) for robot, files in self.files.items()}
 
     def lines(self, robot: str, token: Mapping[str, Any]) -> Iterator[str]:
-        """What the robots wait for that publish what a token of `robot` waits for, to the end. Each is told once."""
+        """Yield what the robots wait for that publish what a token of `robot` waits for, to the
+        end. Each is told once."""
         self._told = {robot}
         yield from self._senders(token, 1)
         circle = self._circle(robot)
@@ -143,7 +144,8 @@ class WaitChain:
 
 
 def ways_out(body: Body, inside: Set[str]) -> Iterator[str]:
-    """The boundary events and event sub-processes of a body that can take a token away, which is `inside` these."""
+    """Yield the boundary events and event sub-processes of a body that can take a token away,
+    which is `inside` these."""
     handlers = (node.body for node in body.nodes if node.triggered_by_event and node.id not in inside)
     starts = chain.from_iterable(each.events("start") for each in handlers if each is not None)
     for event in (*chain.from_iterable(map(body.boundary, inside)), *starts):

@@ -31,7 +31,7 @@ class WaitReason:
     now: int
 
     def lines(self, robot: str) -> Iterator[str]:
-        """The reason in words."""
+        """Yield the reason in words."""
         path = "".join(f" in {inner}" for inner in reversed(self.token.get("path", ())))
         where = display_name(self.token["element"], self.label)
         yield printable(f"{robot} waits at {where}{path}, for {self.seconds:.1f} s, for {wait_text(self.token)}")
@@ -57,12 +57,12 @@ class WaitReason:
             yield "  no message has come since the token waits"
 
     def to_json(self) -> dict[str, Any]:
-        """The same as data."""
+        """Return the same as data."""
         return {**self.token, "label": self.label, "values": dict(self.values), "seconds": round(self.seconds, 3)}
 
 
 def wait_text(token: Mapping[str, Any]) -> str:
-    """What a token waits for."""
+    """Return what a token waits for."""
     for kind, does in (("service", "answer"), ("action", "end")):
         if kind in token:
             return f"the {kind} {token[kind]} to {does}"
@@ -70,12 +70,12 @@ def wait_text(token: Mapping[str, Any]) -> str:
 
 
 def silences(token: Mapping[str, Any], now: int) -> list[str]:
-    """What is to be said, at `now` (ns), of a server that has gone, or says nothing."""
+    """Return what is to be said, at `now` (ns), of a server that has gone, or says nothing."""
     return [silence_text(kind, token[kind], now) for kind in ("gone", "silent") if kind in token]
 
 
 def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int) -> list[WaitReason]:
-    """Why the tokens of a robot wait, or those at an element (id or label). `now`: ns of the robot's clock.
+    """Return why the tokens of a robot wait, or those at an element (id or label). `now`: ns of the robot's clock.
 
     Raises DeploymentError if no token waits at that element.
     """
@@ -96,7 +96,7 @@ def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int)
 
 
 def files_of(model: Mapping[str, Any]) -> list[Definitions]:
-    """The files that a robot runs, as its ``bpmn_model`` says; without those that cannot be read."""
+    """Return the files that a robot runs, as its ``bpmn_model`` says; without those that cannot be read."""
     from fame.bpmn import read_text
     from fame.errors import ModelError
 

@@ -68,7 +68,8 @@ class _Trace:
     count: int = 0
 
     def execution(self, scope: int, element: str, what: str) -> int:
-        """The number of the execution that a mark belongs to, or 0. The execution that started first ends first."""
+        """Return the number of the execution that a mark belongs to, or 0. The execution that
+        started first ends first."""
         runs = self.under_way.setdefault((scope, element), [])
         if what == "enter":
             self.count += 1

@@ -29,7 +29,7 @@ _lock = threading.Lock()
 
 
 def serialize(message: Message) -> bytes:
-    """The message as CDR: 4 bytes of encapsulation header, then the fields, without padding at the end.
+    """Return the message as CDR: 4 bytes of encapsulation header, then the fields, without padding at the end.
 
     Raises MessageError if a field was given a value that does not fit.
     """
@@ -43,7 +43,8 @@ def serialize(message: Message) -> bytes:
 
 
 def deserialize(data: bytes | memoryview, type: str) -> Message:
-    """The message that CDR `data` holds; its arrays are views of `data`. Raises MessageError if the data do not fit."""
+    """Return the message that CDR `data` holds; its arrays are views of `data`. Raises
+    MessageError if the data do not fit."""
     name = typesystem.definition(type).name
     if name == STRING:
         return message_type(name)(unpack_text(data))  # type: ignore[call-arg]
@@ -97,7 +98,7 @@ def service_hash(type: str) -> str:
 
 @cache
 def typestore(name: str) -> Typestore:
-    """The store of rosbags that packs and unpacks messages of a type: it has `name`, and what that contains."""
+    """Return the store of rosbags that packs and unpacks messages of a type: it has `name`, and what that contains."""
     store = _empty_store()
     with _lock:
         _describe(store, name, DTYPES)  # rosbags reads a list of `byte` as signed
@@ -153,7 +154,7 @@ def pack_text(text: str) -> bytes:
 
 
 def unpack_text(data: bytes | memoryview) -> str:
-    """The text of a `std_msgs/msg/String`. Raises MessageError if the data do not hold one."""
+    """Return the text of a `std_msgs/msg/String`. Raises MessageError if the data do not hold one."""
     data = bytes(data)
     order = ORDERS.get(data[:2])
     if order is not None and len(data) >= 8:

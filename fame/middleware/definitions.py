@@ -66,7 +66,8 @@ class Definition:
 
 
 def from_rosbags(name: str, constants: Any, fields: Any, defaults: Mapping[str, Any]) -> Definition:
-    """The definition of a type from rosbags' (name, type, value) of constants and (name, description) of fields."""
+    """Return the definition of a type from rosbags' (name, type, value) of constants and (name,
+    description) of fields."""
     return Definition(
         name,
         tuple(_field(*entry) for entry in fields if entry[0] != EMPTY_FIELD),
@@ -76,7 +77,7 @@ def from_rosbags(name: str, constants: Any, fields: Any, defaults: Mapping[str, 
 
 
 def from_text(text: str, name: str) -> list[Definition]:
-    """The types of the text of a `.msg`, `.srv` or `.action` file.
+    """Return the types of the text of a `.msg`, `.srv` or `.action` file.
 
     They are the message ``pkg/msg/Type``, the two of the service ``pkg/srv/Name``, or all that travels for the action
     ``pkg/action/Name``. Raises MessageError for a name of another form and for a text that cannot be read.

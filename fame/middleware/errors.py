@@ -28,25 +28,26 @@ def check_name(name: str) -> None:
 
 
 def publish_error(topic: str, type: str, message: object, *, closed: bool) -> MessageError:
-    """The error of a publisher that is closed, or of a message that is not of its type."""
+    """Return the error of a publisher that is closed, or of a message that is not of its type."""
     if closed:
         return MessageError(f"the publisher on {topic} is closed", type=type)
     return MessageError(f"{topic}: expected a message, got {describe(message)}", type=type)
 
 
 def type_conflict(topic: str, used: str, users: Iterable[str], type: str) -> MessageError:
-    """The error of a topic that has another type already, at nodes of these names."""
+    """Return the error of a topic that has another type already, at nodes of these names."""
     names = ", ".join(dict.fromkeys(users))
     return MessageError(f"topic {topic} is in use with {used}, by {names}: it has one type", type=type)
 
 
 def service_conflict(name: str, owner: str, type: str) -> MessageError:
-    """The error of a service whose name another node offers already."""
+    """Return the error of a service whose name another node offers already."""
     return MessageError(f"the service {name} is offered by {owner} already", type=type)
 
 
 def unavailable_error(name: str, request_type: str, offered: Iterable[str]) -> MessageError:
-    """The error of a service that no node offers with this type; `offered` are the types with which it is offered."""
+    """Return the error of a service that no node offers with this type; `offered` are the types
+    with which it is offered."""
     type = request_type.removesuffix("_Request")
     for other in offered:
         if other != type:
@@ -56,38 +57,39 @@ def unavailable_error(name: str, request_type: str, offered: Iterable[str]) -> M
 
 
 def unfit_text(name: str, request_type: str, offered: Iterable[str]) -> str:
-    """Why a client is not connected to a service that is offered with these types; empty without one."""
+    """Return why a client is not connected to a service that is offered with these types; empty without one."""
     found = list(offered)
     return str(unavailable_error(name, request_type, found)) if found else ""
 
 
 def mismatch_warning(topic: str, subscriber: str, publisher: str, reason: str) -> EndpointWarning:
-    """The warning that two endpoints are not connected."""
+    """Return the warning that two endpoints are not connected."""
     return EndpointWarning(topic, f"{subscriber} receives nothing from {publisher}: {reason}", "mismatch")
 
 
 def unanswered_warning(name: str, node: str) -> EndpointWarning:
-    """The warning that a service was closed while a client waited for its response."""
+    """Return the warning that a service was closed while a client waited for its response."""
     return EndpointWarning(name, f"the service was closed before it answered {node}", "unanswered")
 
 
 def unheard_warning(name: str, node: str) -> EndpointWarning:
-    """The warning that a client was closed before it could tell its server something."""
+    """Return the warning that a client was closed before it could tell its server something."""
     text = f"{node} closed while the server was away: what was to be cancelled may still run"
     return EndpointWarning(name, text, "unanswered")
 
 
 def dropped_warning(topic: str, reason: str) -> EndpointWarning:
-    """The warning that a message could not be read."""
+    """Return the warning that a message could not be read."""
     return EndpointWarning(topic, f"dropped a message: {reason}", "dropped")
 
 
 def lost_text(topic: str, node: str, count: int, more: bool = False) -> str:
-    """The text that a subscription of a node has lost messages; `more`: perhaps others, which nobody could count."""
+    """Return the text that a subscription of a node has lost messages; `more`: perhaps others,
+    which nobody could count."""
     number = f"at least {count}" if more else f"{count}"
     return f"{topic}: {node} lost {number} messages, which came faster than it takes them or not at all"
 
 
 def unreadable_text(topic: str, node: str, count: int) -> str:
-    """The text that a subscription of a node has got more than one message that it could not read."""
+    """Return the text that a subscription of a node has got more than one message that it could not read."""
     return f"{topic}: {node} could not read {count} more messages"

@@ -79,7 +79,7 @@ class Publisher(Protocol):
         """
 
     def subscriber_count(self) -> int:
-        """The number of subscriptions that it is connected to now."""
+        """Return the number of subscriptions that it is connected to now."""
 
     def close(self) -> None: ...
 
@@ -295,13 +295,13 @@ class Middleware(Protocol):
         """Add to `warnings`, once."""
 
     def losses(self) -> list[str]:
-        """Its endpoints that have lost messages, and how many each, as text."""
+        """Return its endpoints that have lost messages, and how many each, as text."""
 
     def node(self, name: str, namespace: str = "", part: str = "") -> Node:
         """Make a node. Several may have the same name, as in ROS; those that are a `part` are one node to others."""
 
     def graph(self) -> Sequence[TopicInfo]:
-        """Every topic that has an endpoint, in the order of names."""
+        """Return every topic that has an endpoint, in the order of names."""
 
     def connecting(self, node: Any) -> Sequence[str]:
         """Topics on which a node has a publisher that is not connected yet to every subscription that it matches."""
@@ -314,7 +314,7 @@ class Middleware(Protocol):
 
 
 def resolve(topic: str, namespace: str) -> str:
-    """The full name of a topic seen from a namespace.
+    """Return the full name of a topic seen from a namespace.
 
     >>> resolve("odom", "REX"), resolve("/done", "REX"), resolve("~/led", "REX"), resolve("odom", "")
     ('/REX/odom', '/done', '/REX/led', '/odom')

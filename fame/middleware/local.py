@@ -102,7 +102,7 @@ class LocalMiddleware:
             node.close()
 
     def topic(self, name: str, type: str) -> LocalTopic:
-        """The topic of that full name. Raises MessageError if the type is unknown or not that of the topic."""
+        """Return the topic of that full name. Raises MessageError if the type is unknown or not that of the topic."""
         type = messages.message_type(type).__msgtype__
         topic = self.topics.get(name)
         if topic is None:
@@ -148,7 +148,7 @@ class LocalTopic:
     subscriptions: list[LocalSubscription] = field(default_factory=list)
 
     def info(self) -> TopicInfo:
-        """The topic as the graph shows it."""
+        """Return the topic as the graph shows it."""
         publishers = tuple(end.node.full_name for end in self.publishers)
         subscribers = tuple(end.node.full_name for end in self.subscriptions)
         offered = tuple(end.qos for end in self.publishers)

@@ -74,7 +74,7 @@ class Message:
 
 
 def create(type: str, value: Any = None) -> Message:
-    """A message of a type.
+    """Return a message of a type.
 
     `value` is None for one of defaults, a mapping with some of the fields, or a message of that type, which is
     returned as it is. A type whose only field is ``data`` (``std_msgs/msg/String``) takes the value of that field,
@@ -89,24 +89,24 @@ def create(type: str, value: Any = None) -> Message:
 
 
 def to_mapping(message: Message) -> dict[str, Any]:
-    """The message as plain data (dict, list, str, int, float, bool), as `create` and JSON take it."""
+    """Return the message as plain data (dict, list, str, int, float, bool), as `create` and JSON take it."""
     return {name: plain(getattr(message, attribute)) for name, attribute, plain in _reader(message.__msgtype__)}
 
 
 def bare(message: Message) -> Any:
-    """The value of a wrapper such as ``std_msgs/msg/String``; any other message as it is."""
+    """Return the value of a wrapper such as ``std_msgs/msg/String``; any other message as it is."""
     return message.data if is_wrapper(message.__msgtype__) else message
 
 
 def default_payload(type: str) -> Any:
-    """The plain data of a message of defaults; of a wrapper the bare value."""
+    """Return the plain data of a message of defaults; of a wrapper the bare value."""
     data = to_mapping(create(type))
     return data["data"] if is_wrapper(type) else data
 
 
 @cache
 def message_type(name: str) -> type[Message]:
-    """The class of a type. Raises MessageError, with similar names, if it is unknown or contains such a type."""
+    """Return the class of a type. Raises MessageError, with similar names, if it is unknown or contains such a type."""
     content = typesystem.definition(name)
     typesystem.check_references(content)
     with _lock:  # one class per type, whichever thread asks first
@@ -121,17 +121,18 @@ def type_name(message: Message) -> str:
 
 
 def goal_type(type: str) -> str | None:
-    """The message type of an action's goals; None for a type of another kind. Raises MessageError if it is unknown."""
+    """Return the message type of an action's goals; None for a type of another kind. Raises
+    MessageError if it is unknown."""
     return f"{action(type)}_Goal" if is_action(type) else None
 
 
 def is_action(type: str) -> bool:
-    """Whether a full type is that of an action, ``pkg/action/Name``."""
+    """Return whether a full type is that of an action, ``pkg/action/Name``."""
     return "/action/" in type
 
 
 def types() -> list[str]:
-    """The full names of all types, sorted."""
+    """Return the full names of all types, sorted."""
     return typesystem.names()
 
 
@@ -143,7 +144,7 @@ def fields(type: str) -> Mapping[str, str]:
 
 @cache
 def is_wrapper(type: str) -> bool:
-    """Whether ``data`` is the only field of a type: its messages wrap a single value."""
+    """Return whether ``data`` is the only field of a type: its messages wrap a single value."""
     return typesystem.definition(type).is_wrapper
 
 

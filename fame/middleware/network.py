@@ -47,7 +47,7 @@ class Delay:
     second: float = 0.0
 
     def sample(self, generator: random.Random) -> float:
-        """One delay (s)."""
+        """Return one delay (s)."""
         match self.kind:
             case "uniform":
                 return generator.uniform(self.first, self.second)
@@ -78,7 +78,7 @@ class Link:
             raise ConfigError(f"loss: expected a probability below 1, got {self.loss!r}")
 
     def concerns(self, pair: _Pair, topic: str) -> bool:
-        """Whether it applies to a topic between two robots."""
+        """Return whether it applies to a topic between two robots."""
         return (not self.between or set(self.between) == set(pair)) and self.topic in ("", topic)
 
 
@@ -112,25 +112,25 @@ class Network:
         self._seed = seed
 
     def partition(self, pair: _Pair, time: int) -> Partition | None:
-        """The partition between two robots at a time (ns)."""
+        """Return the partition between two robots at a time (ns)."""
         at = time / SECOND
         found = (one for one in self.config.partitions if one.start <= at < one.end and set(one.between) == set(pair))
         return next(found, None)
 
     def is_matched(self, pair: _Pair) -> bool:
-        """Whether the endpoints of two robots are matched now: not in a partition after the lease."""
+        """Return whether the endpoints of two robots are matched now: not in a partition after the lease."""
         cut = self.partition(pair, self.scheduler.now)
         return cut is None or self.scheduler.now / SECOND < cut.start + self.config.lease
 
     def match_changes(self, pair: _Pair) -> list[int]:
-        """The times to come (ns) at which the endpoints of two robots become unmatched, or matched again."""
+        """Return the times to come (ns) at which the endpoints of two robots become unmatched, or matched again."""
         lease, cuts = self.config.lease, self.config.partitions
         long = (cut for cut in cuts if set(cut.between) == set(pair) and cut.end - cut.start > lease)
         times = (round(time * SECOND) for cut in long for time in (cut.start + lease, cut.end))
         return [time for time in times if time > self.scheduler.now]
 
     def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> RobotChannel | None:
-        """The channel from one robot to another for a topic or service; None if the network does not apply."""
+        """Return the channel from one robot to another for a topic or service; None if the network does not apply."""
         if not sender or not receiver or sender == receiver:
             return None
         rules = [link for link in self.config.links if link.concerns((sender, receiver), topic)]
@@ -227,7 +227,7 @@ class NetworkedSubscription:
 def matched_end(
     network: Network | None, publisher: LocalPublisher, subscription: LocalSubscription
 ) -> LocalSubscription | NetworkedSubscription:
-    """The end that a publisher sends to for a matched subscription: itself, or one behind the network."""
+    """Return the end that a publisher sends to for a matched subscription: itself, or one behind the network."""
     if network is None:
         return subscription
     sender, receiver = publisher.node.namespace, subscription.node.namespace
@@ -236,6 +236,6 @@ def matched_end(
 
 
 def names(config: NetworkConfig) -> Sequence[str]:
-    """The robots that a network configuration names, each once."""
+    """Return the robots that a network configuration names, each once."""
     pairs = (*(link.between for link in config.links), *(cut.between for cut in config.partitions))
     return list(dict.fromkeys(name for pair in pairs for name in pair))

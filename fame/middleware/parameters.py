@@ -59,12 +59,12 @@ class NodeParameter:
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def value(self) -> dict[str, Any]:
-        """The value as rcl_interfaces/msg/ParameterValue."""
+        """Return the value as rcl_interfaces/msg/ParameterValue."""
         number, name = FIELDS[self.type]
         return {"type": number, name: plain(self.get())}
 
     def descriptor(self, name: str) -> dict[str, Any]:
-        """The rcl_interfaces/msg/ParameterDescriptor."""
+        """Return the rcl_interfaces/msg/ParameterDescriptor."""
         return {
             "name": name,
             "type": FIELDS[self.type][0],
@@ -147,12 +147,12 @@ def _is_listed(name: str, prefixes: list[str], depth: int) -> bool:
 
 
 def service_name(kind: str) -> str:
-    """The last part of the name of a service: ``list_parameters`` for ``ListParameters``."""
+    """Return the last part of the name of a service: ``list_parameters`` for ``ListParameters``."""
     return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in kind).lstrip("_")
 
 
 def service_type(kind: str) -> str:
-    """The full name of a service type of rcl_interfaces, which is registered now if it is not yet."""
+    """Return the full name of a service type of rcl_interfaces, which is registered now if it is not yet."""
     full = f"rcl_interfaces/srv/{kind}"
     try:
         messages.service(full)  # a sourced ROS has it
@@ -168,13 +168,13 @@ def _with_package(line: str) -> str:
 
 
 def from_value(value: Any) -> Any:
-    """The value in a ParameterValue; None if it is not set."""
+    """Return the value in a ParameterValue; None if it is not set."""
     field = _BY_NUMBER.get(value.type)
     return plain(getattr(value, field)) if field else None
 
 
 def plain(value: Any) -> Any:
-    """The value, as a list if it is a tuple or an array."""
+    """Return the value, as a list if it is a tuple or an array."""
     if isinstance(value, tuple):
         return list(value)
     return value.tolist() if hasattr(value, "tolist") else value

@@ -41,12 +41,12 @@ class Misfit(Exception):
 
 
 def expected(wanted: str, found: Any) -> Misfit:
-    """The Misfit with the expected and the given value."""
+    """Return the Misfit with the expected and the given value."""
     return Misfit(f"expected {wanted}, got {describe(found)}")
 
 
 def describe(value: Any) -> str:
-    """A short description of a value, for messages."""
+    """Return a short description of a value, for messages."""
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):
@@ -60,13 +60,13 @@ def describe(value: Any) -> str:
 
 
 def zero(field: Field) -> Any:
-    """The default of a field of primitives, where its type gives none."""
+    """Return the default of a field of primitives, where its type gives none."""
     value: Any = {"string": "", "bool": False}.get(field.base, 0)
     return value if field.shape == "single" else [value] * (field.size if field.shape == "array" else 0)
 
 
 def converter(field: Field) -> Converter:
-    """The converter of a field of primitives, single or many."""
+    """Return the converter of a field of primitives, single or many."""
     single = _single(field)
     if field.shape == "single":
         return single
@@ -74,7 +74,7 @@ def converter(field: Field) -> Converter:
 
 
 def listed(convert: Converter, field: Field) -> Callable[[Any], list[Any]]:
-    """A converter of lists, from that of their items. The length is that of the field."""
+    """Return a converter of lists, from that of their items. The length is that of the field."""
 
     def convert_all(value: Any) -> list[Any]:
         if not isinstance(value, Sequence) or isinstance(value, (str, bytes)):

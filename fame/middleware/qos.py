@@ -25,7 +25,7 @@ _SPELLINGS = {"leaseduration": "lease_duration"}
 
 
 def parse(policies: Mapping[str, Any], base: QoS = SIGNAL) -> QoS:
-    """The policies of `base`, with those that a model names: ``{"reliability": "best_effort", "depth": "5"}``.
+    """Return the policies of `base`, with those that a model names: ``{"reliability": "best_effort", "depth": "5"}``.
 
     Names may begin with ``qos.``; values are text or numbers. A choice is a name (in any case) or its code, a depth an
     integer from 1 on, a time in s (0 or ``infinite``: no bound). Raises MessageError that says what is accepted.
@@ -34,7 +34,8 @@ def parse(policies: Mapping[str, Any], base: QoS = SIGNAL) -> QoS:
 
 
 def compatible(offered: QoS, requested: QoS) -> str | None:
-    """Why a publisher that offers the one and a subscription that requests the other do not match; None if they do.
+    """Return why a publisher that offers the one and a subscription that requests the other do not
+    match; None if they do.
 
     The rule is "requested versus offered" of DDS 1.4, section 2.2.3. History, depth and lifespan play no part in it.
     """
@@ -52,7 +53,7 @@ def compatible(offered: QoS, requested: QoS) -> str | None:
 
 
 def requested_of(offered: Sequence[QoS]) -> QoS:
-    """The QoS of a subscription that matches all publishers and gets all that each of them can give."""
+    """Return the QoS of a subscription that matches all publishers and gets all that each of them can give."""
     reliable = all(one.reliability == "reliable" for one in offered)
     latched = bool(offered) and all(one.durability == "transient_local" for one in offered)
     return QoS("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile")
@@ -70,7 +71,7 @@ class Discovered(Protocol):
 
 
 def mismatch(writer: Discovered, reader: Discovered) -> str | None:
-    """Why a reader and a writer do not match; None if they do."""
+    """Return why a reader and a writer do not match; None if they do."""
     if writer.type != reader.type:
         return f"type: offered {writer.type}, requested {reader.type}"
     if writer.type_hash and reader.type_hash and writer.type_hash != reader.type_hash:
@@ -79,12 +80,12 @@ def mismatch(writer: Discovered, reader: Discovered) -> str | None:
 
 
 def one_deeper(qos: QoS) -> QoS:
-    """The policies with a queue of one message more, so that an overflow can be noticed."""
+    """Return the policies with a queue of one message more, so that an overflow can be noticed."""
     return replace(qos, depth=min(qos.depth + 1, _DEEPEST))
 
 
 def counts_losses(requested: QoS) -> bool:
-    """Whether a subscription requests every message, so that a missing one is a loss."""
+    """Return whether a subscription requests every message, so that a missing one is a loss."""
     return requested.reliability == "reliable" and requested.depth > 1
 
 

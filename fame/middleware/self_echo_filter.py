@@ -30,7 +30,7 @@ class EchoFilter:
         self._sent.setdefault(publisher, deque()).extend((now, _content(data)) for data in messages)
 
     def take(self, data: bytes, now: int) -> bool:
-        """Whether a received sample is an echo. Each echo is recognised once."""
+        """Return whether a received sample is an echo. Each echo is recognised once."""
         content = _content(data)
         for sent in self._sent.values():
             while sent and now - sent[0][0] > _TIMEOUT:

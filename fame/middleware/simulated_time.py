@@ -163,11 +163,11 @@ class ClockFollower(Scheduler):
 
 
 def nanoseconds(time: AnyMessage) -> int:
-    """The nanoseconds of a builtin_interfaces/msg/Time."""
+    """Return the nanoseconds of a builtin_interfaces/msg/Time."""
     return int(time.sec) * SECOND + int(time.nanosec)
 
 
 def clock_message(time: int) -> AnyMessage:
-    """The message of the clock at `time` (ns)."""
+    """Return the message of the clock at `time` (ns)."""
     second, nanosecond = divmod(time, SECOND)
     return messages.create(CLOCK_TYPE, {"clock": {"sec": second, "nanosec": nanosecond}})

@@ -87,7 +87,8 @@ _lock = threading.RLock()
 
 
 def definition(name: str) -> Definition:
-    """The definition of ``pkg/msg/Type``; ``msg/`` may be left out. Raises MessageError that suggests similar names."""
+    """Return the definition of ``pkg/msg/Type``; ``msg/`` may be left out. Raises MessageError
+    that suggests similar names."""
     full = name.strip()
     if full.count("/") == 1:
         full = full.replace("/", "/msg/")
@@ -102,12 +103,12 @@ def definition(name: str) -> Definition:
 
 
 def names() -> list[str]:
-    """The full names of all types, sorted."""
+    """Return the full names of all types, sorted."""
     return sorted(_table())
 
 
 def service(name: str) -> tuple[str, str]:
-    """The types of request and response of the service type ``pkg/srv/Name``; ``srv/`` may be left out.
+    """Return the types of request and response of the service type ``pkg/srv/Name``; ``srv/`` may be left out.
 
     Raises MessageError for a service type that is unknown or contains an unknown type.
     """
@@ -125,7 +126,7 @@ def service(name: str) -> tuple[str, str]:
 
 
 def action(name: str) -> str:
-    """The full name of the action type ``pkg/action/Name``; ``action/`` may be left out. Raises MessageError."""
+    """Return the full name of the action type ``pkg/action/Name``; ``action/`` may be left out. Raises MessageError."""
     full = name.strip()
     if full.count("/") == 1:
         full = full.replace("/", "/action/")
@@ -137,7 +138,7 @@ def action(name: str) -> str:
 
 
 def dds_type(name: str) -> str:
-    """The name of a type on the wire, over DDS and Zenoh.
+    """Return the name of a type on the wire, over DDS and Zenoh.
 
     >>> dds_type("std_msgs/msg/String")
     'std_msgs::msg::dds_::String_'
@@ -147,7 +148,7 @@ def dds_type(name: str) -> str:
 
 
 def ros_type(name: str) -> str:
-    """The inverse of `dds_type`; another name is returned as it is."""
+    """Return the inverse of `dds_type`; another name is returned as it is."""
     match = _ROS_TYPE.fullmatch(name)
     return f"{match[1]}/{match[2]}/{match[3]}" if match else name
 
@@ -261,7 +262,7 @@ def _sourced(full: str) -> bool:
 
 
 def broken_files() -> list[str]:
-    """The files of folders that were left out, each with what is wrong with it."""
+    """Return the files of folders that were left out, each with what is wrong with it."""
     return list(_broken.values())
 
 

@@ -99,11 +99,11 @@ class WireMiddleware(ABC):
 
     @abstractmethod
     def graph(self) -> Sequence[TopicInfo]:
-        """Every topic that has an endpoint, in the order of names."""
+        """Return every topic that has an endpoint, in the order of names."""
 
     @abstractmethod
     def namespaces(self) -> Sequence[str]:
-        """The namespaces of all nodes, without slashes, in order."""
+        """Return the namespaces of all nodes, without slashes, in order."""
 
     @abstractmethod
     def node_names(self) -> list[str]:
@@ -115,7 +115,7 @@ class WireMiddleware(ABC):
 
     @abstractmethod
     def matching_subscriptions(self, publisher: Any) -> int:
-        """How many subscriptions are there that match a publisher, connected or not."""
+        """Return how many subscriptions are there that match a publisher, connected or not."""
 
     @abstractmethod
     def release(self) -> None:
@@ -144,7 +144,7 @@ class WireMiddleware(ABC):
         """Wait until other processes have received the messages of held nodes."""
 
     def follows_clock(self) -> bool:
-        """Whether one of its nodes subscribes to `/clock`."""
+        """Return whether one of its nodes subscribes to `/clock`."""
         return any(end.topic == "/clock" for node in self.nodes for end in node.subscriptions)
 
     def connecting(self, node: Any) -> list[str]:
@@ -153,7 +153,8 @@ class WireMiddleware(ABC):
         return [end.topic for end in node.publishers if end.subscriber_count() < self.matching_subscriptions(end)]
 
     def losses(self) -> list[str]:
-        """Its endpoints that have lost messages, and how many, as text: on each topic of a node the worst one."""
+        """Return its endpoints that have lost messages, and how many, as text: on each topic of a
+        node the worst one."""
         most: dict[tuple[str, str, type], tuple[int, str]] = {}
         for node in list(self.nodes):
             for end in (*node.subscriptions, *node.publishers):
@@ -222,12 +223,12 @@ class WireNode:
             subscription.held = held
 
     def others(self) -> list[Any]:
-        """The other parts of the node, in the order in which they were made."""
+        """Return the other parts of the node, in the order in which they were made."""
         nodes = self.middleware.nodes if self.part else ()
         return [node for node in nodes if node is not self and node.part and node.full_name == self.full_name]
 
     def is_first_part(self) -> bool:
-        """Whether none of its other parts was made before it."""
+        """Return whether none of its other parts was made before it."""
         nodes = self.middleware.nodes
         return all(nodes.index(self) < nodes.index(other) for other in self.others())
 
@@ -309,13 +310,14 @@ def lease(default: float) -> float:
 
 
 def load_of_machine() -> float:
-    """How many processes wanted each processor of this machine in the last minute, from 1 to 5: what waits for others
-    waits that many times as long."""
+    """Return how many processes wanted each processor of this machine in the last minute, from 1 to 5: what waits for
+    others waits that many times as long."""
     return min(max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)), _HIGHEST_LOAD)
 
 
 def domain_id(given: int | None = None) -> int:
-    """The number of the domain: `given`, else ROS_DOMAIN_ID, else 0. Raises ConfigError if it is not in 0..232."""
+    """Return the number of the domain: `given`, else ROS_DOMAIN_ID, else 0. Raises ConfigError if
+    it is not in 0..232."""
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() if given is None else str(given)
     if not text:
         return 0

@@ -88,11 +88,11 @@ class WireTopicEndpoint(WireEndpoint):
 
     @abstractmethod
     def matched(self) -> bool:
-        """Whether it is connected to an endpoint of another node."""
+        """Return whether it is connected to an endpoint of another node."""
 
     @abstractmethod
     def losses(self) -> str:
-        """The number of messages that it has lost, as text; empty if it knows of none."""
+        """Return the number of messages that it has lost, as text; empty if it knows of none."""
 
 
 class WirePublisher(WireTopicEndpoint):
@@ -102,7 +102,7 @@ class WirePublisher(WireTopicEndpoint):
 
     @abstractmethod
     def subscriber_count(self) -> int:
-        """How many subscriptions it is connected to, those of its own node too."""
+        """Return how many subscriptions it is connected to, those of its own node too."""
 
     def losses(self) -> str:
         if not self.lost:
@@ -110,7 +110,7 @@ class WirePublisher(WireTopicEndpoint):
         return f"{self.topic}: {self.node.full_name} lost {self.lost} messages: a subscriber does not take them in time"
 
     def pack(self, message: AnyMessage) -> bytes:
-        """The message as CDR. Raises MessageError as `publish`."""
+        """Return the message as CDR. Raises MessageError as `publish`."""
         if self.closed or message.__class__ is not self.message_class:
             raise publish_error(self.topic, self.type, message, closed=self.closed)
         return codec.serialize(message)
@@ -242,7 +242,7 @@ class WireClient(ServiceEndpoint):
 
     @abstractmethod
     def servers(self) -> Set[Hashable]:
-        """The servers of this name that are there now, each by an identity of its own."""
+        """Return the servers of this name that are there now, each by an identity of its own."""
 
     @abstractmethod
     def send(self, request: AnyMessage) -> Hashable:
@@ -272,7 +272,7 @@ class WireClient(ServiceEndpoint):
         self.insistent.on_servers_changed(servers)
 
     def unavailable(self, offers: Sequence[tuple[str, str]]) -> MessageError:
-        """Why it cannot be called, from type and node of each service of its name."""
+        """Return why it cannot be called, from type and node of each service of its name."""
         return unavailable_error(self.name, self.request_type, (type for type, _ in offers))
 
     def insist(self, request: Any) -> None:
@@ -291,6 +291,6 @@ class WireClient(ServiceEndpoint):
 
 
 def endpoints_on(nodes: Iterable[WireNode], topic: str) -> Iterator[Any]:
-    """The publishers and subscriptions of some nodes on a topic (full name)."""
+    """Yield the publishers and subscriptions of some nodes on a topic (full name)."""
     for node in nodes:
         yield from (end for end in (*node.publishers, *node.subscriptions) if end.topic == topic)

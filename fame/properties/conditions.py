@@ -66,7 +66,7 @@ class Condition:
         self.read = self._read_negated if negated else self._read
 
     def shown(self, values: LastValues, time: int) -> list[str]:
-        """Its values in words."""
+        """Return its values in words."""
         return [f"{name} is {_short(get(values, time))}" for name, get in self._names]
 
     def _read(self, values: LastValues, time: int) -> Reading:
@@ -102,7 +102,7 @@ def _slack(left: Any, operator: str, right: Any) -> float | None:
 
 
 def field_of(value: Any, path: Path) -> Any:
-    """The part of a message or variable at a path; None if it has none."""
+    """Return the part of a message or variable at a path; None if it has none."""
     for step in path:
         try:
             value = value[step] if isinstance(step, int) or hasattr(value, "keys") else getattr(value, step)
@@ -112,7 +112,7 @@ def field_of(value: Any, path: Path) -> Any:
 
 
 def meets(message: Any, tests: Sequence[FieldTest]) -> bool | None:
-    """Whether a message meets all tests; None if a field is not there."""
+    """Return whether a message meets all tests; None if a field is not there."""
     for test in tests:
         value = field_of(message, test.path)
         try:
@@ -124,14 +124,14 @@ def meets(message: Any, tests: Sequence[FieldTest]) -> bool | None:
 
 
 def distance(one: RobotPosition | None, other: RobotPosition | None) -> float | None:
-    """The distance (m) of two positions; None in different frames."""
+    """Return the distance (m) of two positions; None in different frames."""
     if one is None or other is None or one.frame != other.frame:
         return None
     return math.dist(one[:3], other[:3])
 
 
 def pose_of(message: Any) -> RobotPosition | None:
-    """The position in a PoseStamped, PoseWithCovarianceStamped or Odometry; None if it has none."""
+    """Return the position in a PoseStamped, PoseWithCovarianceStamped or Odometry; None if it has none."""
     inner = field_of(message, ("pose", "pose")) or field_of(message, ("pose",))
     x, y, z = (field_of(inner, ("position", axis)) for axis in "xyz")
     frame = field_of(message, ("header", "frame_id"))
@@ -144,7 +144,7 @@ def pose_of(message: Any) -> RobotPosition | None:
 
 
 def conditions_of(made: Property, vocabulary: Vocabulary, binding: Mapping[str, str]) -> list[Condition]:
-    """The conditions of a property for the robots of a binding: one, or one for any two robots of a pool.
+    """Return the conditions of a property for the robots of a binding: one, or one for any two robots of a pool.
 
     Raises ConfigError for values that the vocabulary does not have.
     """
@@ -224,7 +224,7 @@ def _pose_source(robot: str, made: Property, vocabulary: Vocabulary) -> ValueSou
 
 
 def subjects(made: Property) -> Iterator[Value]:
-    """The values in the condition of a property that belong to robots."""
+    """Yield the values in the condition of a property that belong to robots."""
     for value in (value for part in made.condition for value in (part.left, part.right)):
         if value.kind in ("variable", "battery", "distance"):
             yield value

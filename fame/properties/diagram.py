@@ -41,7 +41,7 @@ _MILLISECOND = 1_000_000
 
 
 def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) -> Iterator[Property]:
-    """The annotations and the deadlines of a mission and of what it calls.
+    """Yield the annotations and the deadlines of a mission and of what it calls.
 
     A deadline is named ``deadline_ID`` (of several robots ``deadline_ROBOT_ID``); an empty one, as a template leaves
     it, is ignored. Raises ConfigError for a wrong sentence and a second annotation of a name, ModelError for a deadline
@@ -70,7 +70,8 @@ def drawn_properties(definitions: Definitions, library: Library, cast: Mapping[s
 
 
 def draws_properties(definitions: Definitions, library: Library) -> bool:
-    """Whether a mission, or what it calls, has annotations or deadlines. Raises ModelError as `drawn_properties`.
+    """Return whether a mission, or what it calls, has annotations or deadlines. Raises ModelError
+    as `drawn_properties`.
 
     A file without a pool has none of its own if it names other robots: then they are those of missions that call it.
     """
@@ -97,7 +98,7 @@ def _names_callers(definitions: Definitions) -> bool:
 
 
 def annotated(annotation: Artifact, file: str) -> Property | None:
-    """The property that a text annotation says; None for another text. Raises ConfigError for a wrong sentence.
+    """Return the property that a text annotation says; None for another text. Raises ConfigError for a wrong sentence.
 
     A text whose name has spaces, which may be prose with a colon, is a property if the rest is a sentence.
     """
@@ -114,7 +115,7 @@ def annotated(annotation: Artifact, file: str) -> Property | None:
 
 
 def seems_property(annotation: Artifact, file: str) -> bool:
-    """Whether a text annotation begins like a property and is not read as one."""
+    """Return whether a text annotation begins like a property and is not read as one."""
     try:
         unread = annotated(annotation, file) is None
     except ConfigError:

@@ -19,14 +19,14 @@ KEYS = ("properties", "poses")
 
 
 def read_properties(path: str | Path) -> tuple[Property, ...]:
-    """The properties of a file with the key ``properties``. Raises ConfigError with file, line and column."""
+    """Return the properties of a file with the key ``properties``. Raises ConfigError with file, line and column."""
     document = read_document(path)
     keys = document.mapping(KEYS)
     return properties_of(document.required("properties", "{NAME: SENTENCE}"), poses_of(keys.get("poses")))
 
 
 def properties_of(value: ConfigValue, poses: tuple[PoseTopic, ...] = ()) -> tuple[Property, ...]:
-    """The properties of a mapping from names to sentences. Raises ConfigError with file, line and column."""
+    """Return the properties of a mapping from names to sentences. Raises ConfigError with file, line and column."""
     return tuple(
         replace(parse(sentence.text(), Location(value.source.file, sentence.line, sentence.column), name), poses=poses)
         for name, sentence in value.mapping().items()
@@ -34,7 +34,7 @@ def properties_of(value: ConfigValue, poses: tuple[PoseTopic, ...] = ()) -> tupl
 
 
 def poses_of(value: ConfigValue | None) -> tuple[PoseTopic, ...]:
-    """The topics with positions, by robot or pool. Raises ConfigError for what is no topic."""
+    """Return the topics with positions, by robot or pool. Raises ConfigError for what is no topic."""
     found = list[PoseTopic]()
     for robot, topic in value.mapping().items() if value is not None else ():
         if not re.fullmatch(r"~?(/\w+)+", topic.text()):
@@ -44,13 +44,13 @@ def poses_of(value: ConfigValue | None) -> tuple[PoseTopic, ...]:
 
 
 def beside(model: Path) -> tuple[Property, ...]:
-    """The properties of the file ``NAME.properties.yaml`` beside a model ``NAME.bpmn``, if there is one."""
+    """Return the properties of the file ``NAME.properties.yaml`` beside a model ``NAME.bpmn``, if there is one."""
     path = model.with_name(model.stem + SUFFIX)
     return read_properties(path) if path.is_file() else ()
 
 
 def properties_and_model(path: Path) -> tuple[tuple[Property, ...], Definitions | None]:
-    """The properties in a file of their own or a scenario, and the model that they are about, if that is there.
+    """Return the properties in a file of their own or a scenario, and the model that they are about, if that is there.
 
     Raises ConfigError for a file that has no properties, ModelError for a model that cannot be read.
     """

@@ -86,7 +86,7 @@ class Judgement:
 
 
 def exit_code(judgements: Iterable[Judgement]) -> int:
-    """The exit code of a command: 1 if a property is violated, 3 if one is pending or not known, else 0."""
+    """Return the exit code of a command: 1 if a property is violated, 3 if one is pending or not known, else 0."""
     words = {each.verdict for each in judgements}
     return 1 if "violated" in words else NOT_KNOWN if words & {"pending", "not known"} else 0
 
@@ -162,7 +162,7 @@ class Judge:
                 self._readers[source].append((number, part))
 
     def kept(self) -> list[Any]:
-        """What it has to keep, as plain data: a judge of the same monitors goes on from it (`take_up`)."""
+        """Return what it has to keep, as plain data: a judge of the same monitors goes on from it (`take_up`)."""
         began = [(*place, *what) for place, what in self._began.items()]
         return [[list(each) for each in self._states], began, dict(self._doubts)]
 
@@ -402,7 +402,7 @@ class Judge:
     # ---- judgements --------------------------------------------------------------------------------------------------
 
     def finish(self, time: int, *, complete: bool) -> list[Judgement]:
-        """The judgements at the end of a run at `time` (ns). `complete`: nothing can come any more.
+        """Return the judgements at the end of a run at `time` (ns). `complete`: nothing can come any more.
 
         Otherwise the run was cut, and what is pending stays so. What is given later is not judged.
         """
@@ -418,11 +418,13 @@ class Judge:
         return self.judgements()
 
     def judgements(self, ended: int | None = None) -> list[Judgement]:
-        """The judgements so far, in the order of the properties; those if nothing came after `ended` (ns), if given."""
+        """Return the judgements so far, in the order of the properties; those if nothing came
+        after `ended` (ns), if given."""
         return [self._judgement(number, self._verdict(number, ended)) for number in range(len(self.monitors))]
 
     def declared(self) -> Iterator[dict[str, Any]]:
-        """Each property before anything happened, JSON-serialisable: `names` has (robot, element) of its events."""
+        """Yield each property before anything happened, JSON-serialisable: `names` has (robot,
+        element) of its events."""
         for number, monitor in enumerate(self.monitors):
             named = ((robot, element) for robot, element, _ in monitor.events if element)
             names = [[*each] for each in (*named, *monitor.about)]

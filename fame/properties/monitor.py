@@ -94,7 +94,7 @@ class Part:
         return OPEN, time, memory, slack, int(self.condition is None and self.pattern in _JUDGED_WHEN_OPEN)
 
     def step(self, state: PartState, time: int, roles: int, key: Any = None, doubt: int = 0) -> PartState:
-        """The state after an event with these `roles` at `time`; `key`: its field, of keyed patterns.
+        """Return the state after an event with these `roles` at `time`; `key`: its field, of keyed patterns.
 
         `doubt` (ns): how far its time and that of what opened the scope may be apart from what they are; an answer so
         close to the bound is not known.
@@ -139,13 +139,13 @@ class Part:
         return bool(abs(asked + self.bound - time) <= doubt)
 
     def expire(self, state: PartState, time: int, doubt: int = 0) -> PartState:
-        """The state when the instant `time` is over; `doubt` (ns) as for `step`."""
+        """Return the state when the instant `time` is over; `doubt` (ns) as for `step`."""
         if self.bound is not None and state[0] == OPEN and time >= state[1] + self.bound + doubt:
             return self._violated(state, state[1] + self.bound)
         return state
 
     def sample(self, state: PartState, time: int, reading: Reading) -> PartState:
-        """The state after its condition was read."""
+        """Return the state after its condition was read."""
         phase, since, memory, slack, triggered = state
         if phase != OPEN:
             return state
@@ -163,7 +163,7 @@ class Part:
         return VIOLATED, state[1], time, slack, 1
 
     def lose(self, state: PartState) -> PartState:
-        """The state after events or values were lost: what is not certain any more is not known."""
+        """Return the state after events or values were lost: what is not certain any more is not known."""
         phase, since, memory, slack, _ = state
         if phase >= CLOSED:
             return state
@@ -172,12 +172,12 @@ class Part:
         return UNKNOWN, since, memory, slack, 2
 
     def finish(self, state: PartState, time: int) -> PartState:
-        """The state when nothing can come any more."""
+        """Return the state when nothing can come any more."""
         state = self.expire(state, time)
         return self._violated(state, time) if state[0] == OPEN and self.pattern == "exists" else state
 
     def verdict(self, state: PartState, number: int = 0) -> Verdict:
-        """The verdict so far."""
+        """Return the verdict so far."""
         phase, _, memory, slack, triggered = state
         if phase == VIOLATED:
             return Verdict("violated", slack, memory, number)
@@ -304,7 +304,7 @@ class Reaction:
     topic: str = ""
 
     def fits(self, what: str, detail: Any) -> bool:
-        """Whether this is the event."""
+        """Return whether this is the event."""
         if self.detail is None:
             return True
         return self.detail in str(detail) if what == "log" else str(detail) == self.detail
@@ -355,7 +355,8 @@ class Monitor:
         message: Any = None,
         values: LastValues | None = None,
     ) -> State:
-        """The state after an event, with the message that it threw; after new `values`; or when the instant is over.
+        """Return the state after an event, with the message that it threw; after new `values`; or
+        when the instant is over.
 
         All events of an instant come first, then its values, then the call with neither.
         """
@@ -392,18 +393,18 @@ class Monitor:
             yield number, roles, key
 
     def finish(self, state: State, time: int) -> State:
-        """The state when nothing can come any more."""
+        """Return the state when nothing can come any more."""
         return tuple(part.finish(one, time) for part, one in zip(self.parts, state, strict=True))
 
     def verdict(self, state: State) -> Verdict:
-        """The verdict so far: the gravest of its parts, with the least slack and the earliest time."""
+        """Return the verdict so far: the gravest of its parts, with the least slack and the earliest time."""
         if self.absent:
             return Verdict("not known")
         verdicts = [part.verdict(one, number) for number, (part, one) in enumerate(zip(self.parts, state, strict=True))]
         return _overall(verdicts)
 
     def deadline(self, state: State) -> int | None:
-        """The next time (ns) at which it has to be told that an instant is over; None: never."""
+        """Return the next time (ns) at which it has to be told that an instant is over; None: never."""
         due = (part.deadline(one) for part, one in zip(self.parts, state, strict=True))
         return min((time for time in due if time is not None), default=None)
 
@@ -424,7 +425,7 @@ def _overall(verdicts: Sequence[Verdict]) -> Verdict:
 
 
 def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
-    """The monitor of a property for the robots of a collaboration.
+    """Return the monitor of a property for the robots of a collaboration.
 
     Raises ConfigError, with file, line and column, for a robot, element, topic, variable or field that is not there.
     """

@@ -19,7 +19,7 @@ class Location(NamedTuple):
     column: int = 0
 
     def error(self, text: str, offset: int = 0, name: str = "") -> ConfigError:
-        """An error at the character `offset` of the sentence of property `name`."""
+        """Return an error at the character `offset` of the sentence of property `name`."""
         column = self.column + offset if self.column else 0
         element = f"properties.{name}" if name else ""
         return ConfigError(text, file=self.file, line=self.line, column=column, element=element)
@@ -96,7 +96,7 @@ class PoseTopic:
     place: Location
 
     def error(self, text: str, offset: int = 0) -> ConfigError:
-        """An error at its line."""
+        """Return an error at its line."""
         return ConfigError(text, file=self.place.file, line=self.place.line, element=f"poses.{self.robot}")
 
 
@@ -129,7 +129,7 @@ class Property:
     about: tuple[str, ...] = ()
 
     def error(self, text: str, offset: int = 0) -> ConfigError:
-        """An error at a character of the sentence."""
+        """Return an error at a character of the sentence."""
         return self.place.error(text, offset, self.name)
 
     @property

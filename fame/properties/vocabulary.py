@@ -56,7 +56,7 @@ class Vocabulary:
     check_field: CheckField = lambda topic, path: ""
 
     def part(self, names: Collection[tuple[str, str]]) -> Vocabulary:
-        """What monitors need of it whose events are at these (robot, element)."""
+        """Return what monitors need of it whose events are at these (robot, element)."""
         robots = dict[str, RobotTerms]()
         for robot, terms in self.robots.items():
             own, called = ({id: each[id] for id in each if (robot, id) in names} for each in (terms.own, terms.called))
@@ -68,7 +68,7 @@ class Vocabulary:
         return Vocabulary(robots, self.pools)
 
     def robots_of(self, name: Word, at: Property | PoseTopic) -> tuple[str, ...]:
-        """The robots that a name means: one, those of a pool, or none: one of a pool that is not there.
+        """Return the robots that a name means: one, those of a pool, or none: one of a pool that is not there.
 
         Raises ConfigError for an unknown name.
         """
@@ -83,7 +83,8 @@ class Vocabulary:
         raise at.error(text, name.offset)
 
     def elements(self, robot: str, event: Occurrence, at: Property) -> tuple[str, ...]:
-        """The ids of the elements of a robot where this event can occur. Raises ConfigError for an empty result."""
+        """Return the ids of the elements of a robot where this event can occur. Raises ConfigError
+        for an empty result."""
         terms = self.robots[robot]
         if event.verb in ("throws", "catches"):
             return self._topic_ends(robot, event, at)
@@ -150,7 +151,7 @@ class Vocabulary:
 
 
 def qualified(topic: str, robot: str) -> str:
-    """The name of a topic in the model: that of a robot's own topic begins with ``~``."""
+    """Return the name of a topic in the model: that of a robot's own topic begins with ``~``."""
     return f"~/{topic.removeprefix(f'/{robot}/')}" if topic.startswith(f"/{robot}/") else topic
 
 
@@ -162,7 +163,7 @@ def vocabulary_of(
     variables: Mapping[str, Collection[str]] = MappingProxyType({}),
     check_field: CheckField = lambda topic, path: "",
 ) -> Vocabulary:
-    """The vocabulary of a collaboration with these robots. `variables`: names of process variables by robot.
+    """Return the vocabulary of a collaboration with these robots. `variables`: names of process variables by robot.
 
     Raises ModelError for a called process that is not found.
     """
@@ -178,7 +179,8 @@ def vocabulary(
     variables: Mapping[str, Collection[str]] = MappingProxyType({}),
     check_field: CheckField = lambda topic, path: "",
 ) -> Vocabulary:
-    """The vocabulary of robots whose process, and what it calls, is given. `models` have the multi-instance pools."""
+    """Return the vocabulary of robots whose process, and what it calls, is given. `models` have
+    the multi-instance pools."""
     terms: dict[str, RobotTerms] = {}
     made: dict[tuple[str, str], RobotTerms] = {}
     for robot, closure in closures.items():
@@ -192,7 +194,7 @@ def vocabulary(
 
 
 def is_of_pool(robot: str, pool: str) -> bool:
-    """Whether a name is that of a robot of a multi-instance pool."""
+    """Return whether a name is that of a robot of a multi-instance pool."""
     return re.fullmatch(re.escape(pool) + r"_\d+", robot, re.IGNORECASE) is not None
 
 

@@ -239,7 +239,8 @@ class AcknowledgedSignals:
     # ---- state -------------------------------------------------------------------------------------------------------
 
     def tables(self, epoch: int) -> dict[str, dict[str, Any]]:
-        """The state as tables (`fame.robot.state_tables`); `epoch` is the date of second 0 of the mission (ns)."""
+        """Return the state as tables (`fame.robot.state_tables`); `epoch` is the date of second 0
+        of the mission (ns)."""
         return {
             "thrown": {
                 f"{name} {signal.number}": [signal.expires + epoch, signal.data, signal.only]

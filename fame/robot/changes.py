@@ -150,7 +150,8 @@ class _ScopeVariables:
         self._shown: dict[str, object] = {}  # the JSON of those that are data
 
     def change(self) -> dict[str, Any]:
-        """The values that are new or changed, also in place, and the names of those that are gone; empty if none is."""
+        """Return the values that are new or changed, also in place, and the names of those that
+        are gone; empty if none is."""
         before, shown, fresh = self._values, self._shown, dict[str, Any]()
         values = self._values = dict(dict.items(self._variables))
         gone: list[str] = []
@@ -234,7 +235,7 @@ def _place(scope: Scope) -> dict[str, Any]:
 
 
 def path_of(scope: Scope) -> Iterator[str]:
-    """The ids of the activities that a scope is inside, the outermost first."""
+    """Return the ids of the activities that a scope is inside, the outermost first."""
     ids: list[str] = []
     around: Scope | None = scope
     while around is not None:

@@ -84,7 +84,7 @@ class Outgoing:
         return bool(self.kept)
 
     def owed(self, receiver: Receiver) -> Iterator[Signal]:
-        """The kept signals that a receiver has not acknowledged, in order."""
+        """Yield the kept signals that a receiver has not acknowledged, in order."""
         skipped = max(0, receiver.accepted - self.kept[0].number + 1) if self.kept else 0
         for place in range(skipped, len(self.kept)):
             if self.kept[place].only in ("", receiver.robot):
@@ -149,7 +149,7 @@ OutgoingAction = Transmit | AskReceiver | Expired
 
 
 def step_outgoing(state: Outgoing, event: OutgoingEvent) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
-    """The next state of the throwing end, and what is to be done in this order."""
+    """Return the next state of the throwing end, and what is to be done in this order."""
     match event:
         case Thrown(data, now, only):
             state, expired = _expire(state, now)
@@ -271,7 +271,7 @@ class Answer:
 
 
 def step_incoming(state: Incoming, event: SignalReceived) -> tuple[Incoming, tuple[Accept | Answer, ...]]:
-    """The next state of the catching end, and what is to be done in this order.
+    """Return the next state of the catching end, and what is to be done in this order.
 
     A signal whose predecessor is missing is dropped: it is sent again.
     """

@@ -51,7 +51,7 @@ class Disk(Protocol):
         """Lock a file, made if it does not exist. Raises BlockingIOError, with its owner as text, if it is locked."""
 
     def names(self, path: Path) -> Sequence[str]:
-        """The names in a directory."""
+        """Return the names in a directory."""
 
     def read(self, path: Path) -> BinaryIO:
         """Open a file for reading."""

@@ -74,22 +74,22 @@ class Endpoints:
                 self._open_for_script(topic.name, topic.direction, topic.type, inbox)
 
     def prepare(self, name: str, value: Any) -> tuple[Publisher, Any]:
-        """The publisher of an event's topic, and the message of a payload. Raises MessageError."""
+        """Return the publisher of an event's topic, and the message of a payload. Raises MessageError."""
         publisher = self._thrown[name]
         return publisher, messages.create(publisher.type, value)
 
     def qualified(self, full: str) -> str | None:
-        """The qualified name of a topic that events throw or catch; None for any other topic."""
+        """Return the qualified name of a topic that events throw or catch; None for any other topic."""
         return self._names.get(full)
 
     def publisher(self, full: str, type: str, profile: QoS = SIGNAL) -> Publisher:
-        """The publisher on a topic, made on first use. Raises MessageError."""
+        """Return the publisher on a topic, made on first use. Raises MessageError."""
         if full not in self._publishers:
             self._publishers[full] = self._node.publisher(full, type, profile)
         return self._publishers[full]
 
     def type(self, full: str) -> str | None:
-        """The type of a topic: from the model, else from the middleware's graph; None if unknown."""
+        """Return the type of a topic: from the model, else from the middleware's graph; None if unknown."""
         for name, use in self._uses.items():
             if use.declared and resolve(name, self._node.namespace) == full:
                 return use.declared
@@ -125,7 +125,7 @@ class Endpoints:
 
 
 def direct_topic(topic: str, robot: str) -> str:
-    """The full name of the topic over which a message (its qualified name) reaches one robot.
+    """Return the full name of the topic over which a message (its qualified name) reaches one robot.
 
     >>> direct_topic("/order", "Worker_2")
     '/Worker_2/bpmn_message/order'
@@ -138,7 +138,8 @@ def _suffix(topic: str) -> str:
 
 
 def subscribers_of(middleware: Middleware, suffix: str, own: str) -> list[str]:
-    """The robots, in order, on whose topic that ends like this another node than `own` (a full name) subscribes."""
+    """Return the robots, in order, on whose topic that ends like this another node than `own` (a
+    full name) subscribes."""
     return [
         info.name.removeprefix("/").removesuffix(suffix)
         for info in middleware.graph()
@@ -170,7 +171,7 @@ class DirectMessages:
         self.enter(*self.prepare(topic, value, robot))
 
     def prepare(self, topic: str, value: Any, robot: Any) -> tuple[Publisher, AnyMessage]:
-        """The publisher to a robot, and the message. Raises what `send` raises."""
+        """Return the publisher to a robot, and the message. Raises what `send` raises."""
         receivers = self._receivers(topic)
         if robot not in receivers:
             known = ", ".join([*receivers[:_SHOWN], *(["..."] if len(receivers) > _SHOWN else [])]) or "none"

@@ -70,7 +70,7 @@ class Observer(Protocol):
 
 
 def observer_of(observer: OnEvent) -> Observer:
-    """The observer that a function of events is, or makes."""
+    """Return the observer that a function of events is, or makes."""
     return observer if isinstance(observer, Observer) else _Function(observer)
 
 
@@ -96,7 +96,7 @@ class EventLog(Observer):
                 yield Event(*where, *mark)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A `pandas.DataFrame` with a row for each event: the fields of `Event`, with ``time`` in seconds.
+        """Return a `pandas.DataFrame` with a row for each event: the fields of `Event`, with ``time`` in seconds.
 
         Raises UnavailableError if pandas is not installed.
         """
@@ -109,7 +109,7 @@ class EventLog(Observer):
 
 
 def combine_observers(observers: Sequence[OnEvent]) -> Observer | None:
-    """One observer that calls several, in this order; None for an empty sequence."""
+    """Return one observer that calls several, in this order; None for an empty sequence."""
     made = [observer_of(observer) for observer in observers]
     return _CombinedObserver(made) if len(made) > 1 else next(iter(made), None)
 

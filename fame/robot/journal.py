@@ -66,14 +66,14 @@ class SegmentContents:
     disk: Disk = SYSTEM
 
     def records(self) -> Iterator[JournalRecord]:
-        """The state, then its changes, one at a time. Raises ConfigError if the file cannot be read any more."""
+        """Yield the state, then its changes, one at a time. Raises ConfigError if the file cannot be read any more."""
         with _opened(self.path, self.disk) as file:
             file.readline(_LONGEST)
             for _ in range(self.number):
                 yield self._next(file)
 
     def last_record(self) -> JournalRecord:
-        """The last record. Raises ConfigError if the file cannot be read any more."""
+        """Return the last record. Raises ConfigError if the file cannot be read any more."""
         with _opened(self.path, self.disk) as file:
             file.seek(self.last)
             return self._next(file)
@@ -232,16 +232,16 @@ class StateDirectory:
         self._lock.touch()
 
     def files(self, prefix: str) -> list[Path]:
-        """The files whose names begin so. Raises OSError."""
+        """Return the files whose names begin so. Raises OSError."""
         return [self.path / name for name in sorted(self.disk.names(self.path)) if name.startswith(prefix)]
 
     def segments(self) -> list[Path]:
-        """The segments, oldest first. Raises OSError."""
+        """Return the segments, oldest first. Raises OSError."""
         found = [item for item in self.files(_PREFIX) if item.name.removeprefix(_PREFIX).isdigit()]
         return sorted(found, key=lambda item: int(item.name.removeprefix(_PREFIX)))
 
     def read(self) -> SegmentContents | None:
-        """The newest segment, None without one. Raises ConfigError as `read_segment` does."""
+        """Return the newest segment, None without one. Raises ConfigError as `read_segment` does."""
         segments = self.segments()
         return read_segment(segments[-1], self.disk) if segments else None
 
@@ -259,7 +259,7 @@ class StateDirectory:
         return folder
 
     def read_file(self, name: str) -> bytes | None:
-        """The content of a file, None if the file does not exist. Raises OSError."""
+        """Return the content of a file, None if the file does not exist. Raises OSError."""
         try:
             with self.disk.read(self.path / name) as file:
                 return file.read()

@@ -84,7 +84,7 @@ class LiveFeed:
         return self._subscribers > 0 or self._log is not None
 
     def observer(self) -> ProcessFeed:
-        """The observer of a process that is being loaded."""
+        """Return the observer of a process that is being loaded."""
         feed = ProcessFeed(self)
         self._loaded.add(feed)
         return feed
@@ -107,7 +107,7 @@ class LiveFeed:
             self._log.on_model(model)
 
     def is_current(self, observer: ProcessFeed) -> bool:
-        """Whether the robot runs its process."""
+        """Return whether the robot runs its process."""
         return observer is self._current
 
     def put(self, time: int, topic: str, data: Mapping[str, Any]) -> None:

@@ -43,25 +43,26 @@ class Mission:
     services: Mapping[str, ServiceFunction]
 
     def processes(self) -> list[tuple[Definitions, Process]]:
-        """The process and all that it calls, directly or not, each with its file."""
+        """Return the process and all that it calls, directly or not, each with its file."""
         return list(self.library.closure(self.definitions, self.process))
 
     def flow_nodes(self) -> Iterator[tuple[Definitions, FlowNode]]:
-        """The flow nodes of all these processes, each with its file."""
+        """Return the flow nodes of all these processes, each with its file."""
         return ((home, node) for home, process in self.processes() for node in process.body.walk())
 
     def retries(self) -> Mapping[str, Retry]:
-        """The property ``retry`` of each element that has it: what becomes of a request whose fate is unknown."""
+        """Return the property ``retry`` of each element that has it: what becomes of a request
+        whose fate is unknown."""
         found = {node.id: node.properties.get("retry") for _, node in self.flow_nodes()}
         return {element: retry for element, retry in found.items() if retry in RETRIES}
 
     def missed(self) -> Mapping[str, Missed]:
-        """The property ``missed`` of each element that has it: what becomes of a timer missed by its engine."""
+        """Return the property ``missed`` of each element that has it: what becomes of a timer missed by its engine."""
         found = {node.id: node.properties.get("missed") for _, node in self.flow_nodes()}
         return {element: missed for element, missed in found.items() if missed in MISSED}
 
     def scripts(self) -> Iterator[Expression]:
-        """The texts of all its script tasks."""
+        """Return the texts of all its script tasks."""
         return (node.script for _, node in self.flow_nodes() if node.script is not None)
 
     @cached_property
@@ -78,7 +79,7 @@ def make_mission(
     shared: Mapping[str, TopicUse] | None = None,
     services: Mapping[str, ServiceFunction] | None = None,
 ) -> Mission:
-    """The mission of one process. `shared` are the topics of the whole collaboration.
+    """Return the mission of one process. `shared` are the topics of the whole collaboration.
 
     Raises ModelError for calls of unknown processes, and for topics without exactly one type or with a wrong name.
     """

@@ -243,7 +243,7 @@ class RobotNode:
         return {key: time for key, time in times.items() if time is not None}
 
     def waiting_tokens(self, most: int | None = None) -> list[WaitingToken]:
-        """The waiting tokens, at most `most`, and what each waits for.
+        """Return the waiting tokens, at most `most`, and what each waits for.
 
         If nothing runs: the start events that wait for their trigger.
         """
@@ -252,11 +252,11 @@ class RobotNode:
         return [*waiting, *self.waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
 
     def untaken(self) -> dict[str, int]:
-        """How many BPMN messages no event has taken, by full name of their topic."""
+        """Return how many BPMN messages no event has taken, by full name of their topic."""
         return {resolve(topic, self.namespace): count for topic, count in self.engine.untaken.items() if count > 0}
 
     def offers(self) -> list[str]:
-        """The ids of the elements that `activate` can start now."""
+        """Return the ids of the elements that `activate` can start now."""
         return self.engine.offers()
 
     # ---- stimuli -----------------------------------------------------------------------------------------------------
@@ -271,7 +271,8 @@ class RobotNode:
         return goes_on
 
     def others_at(self, element: str, act: str) -> int:
-        """How many tokens a request could mean besides the first, which it takes (`fame.engine.Engine.others_at`)."""
+        """Return how many tokens a request could mean besides the first, which it takes
+        (`fame.engine.Engine.others_at`)."""
         return self.engine.others_at(element, act)
 
     def activate(self, element: str) -> None:

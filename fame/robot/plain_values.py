@@ -44,12 +44,12 @@ _Encode = Callable[[Any, int], Any]
 
 
 def plain(value: Any) -> Any:
-    """The plain data of a value, which do not change with it."""
+    """Return the plain data of a value, which do not change with it."""
     return plain_and_text(value)[0]
 
 
 def plain_and_text(value: Any) -> tuple[Any, object]:
-    """The plain data of a value, and a key for comparison: equal keys mean that the JSON is the same."""
+    """Return the plain data of a value, and a key for comparison: equal keys mean that the JSON is the same."""
     text = _message_json(value) if isinstance(value, Message) else None
     if text is not None and len(text) <= SIZE:
         return orjson.loads(text), text
@@ -65,12 +65,12 @@ def plain_and_text(value: Any) -> tuple[Any, object]:
 
 
 def is_data(name: str, value: Any) -> bool:
-    """Whether a variable is data: functions, classes, modules and names with two leading underscores are not."""
+    """Return whether a variable is data: functions, classes, modules and names with two leading underscores are not."""
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 
 def is_changeable(value: Any) -> bool:
-    """Whether a value may be changed in place, as lists, mappings, arrays and objects, but not messages."""
+    """Return whether a value may be changed in place, as lists, mappings, arrays and objects, but not messages."""
     kind = value.__class__
     if kind is tuple:
         return any(map(is_changeable, value))
@@ -85,7 +85,8 @@ _CHANGED_IN_PLACE: dict[type, bool] = {}
 
 
 def content_of(value: Any) -> object:
-    """The content of a value, to see whether it is changed in place; None where nobody can tell, as of objects."""
+    """Return the content of a value, to see whether it is changed in place; None where nobody can
+    tell, as of objects."""
     try:
         return marshal.dumps(value, 2)
     except ValueError:

@@ -23,12 +23,12 @@ _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def epoch_of(node: RobotNode) -> int:
-    """The date of second 0 of the mission's time (ns since 1970)."""
+    """Return the date of second 0 of the mission's time (ns since 1970)."""
     return (node.epoch - _UNIX) // timedelta(microseconds=1) * 1000
 
 
 def tables_of(node: RobotNode, epoch: int) -> Tables:
-    """The tables of a robot's state beside its engine. `epoch` is as of `epoch_of`."""
+    """Return the tables of a robot's state beside its engine. `epoch` is as of `epoch_of`."""
     host = node.host
     timers = host.timers.state().items()
     signals = node.acknowledged.tables(epoch) if node.acknowledged is not None else {}
@@ -102,7 +102,7 @@ def restored(node: RobotNode, contents: SegmentContents) -> Tables:
 
 
 def last_time(contents: SegmentContents) -> int:
-    """The date of the last record (ns since 1970)."""
+    """Return the date of the last record (ns since 1970)."""
     return int(contents.last_record()["time"])
 
 

@@ -51,7 +51,7 @@ class RobotState:
 
     @classmethod
     def from_key(cls, data: Mapping[str, Any]) -> RobotState:
-        """The state that a key message has for one robot."""
+        """Return the state that a key message has for one robot."""
         state = cls(process=data["process"], counts={id: dict(each) for id, each in data["counts"].items()})
         state.instances = {each["instance"]: (each["process"], each["status"]) for each in data["instances"]}
         state.ended = ended_of(data)
@@ -61,7 +61,7 @@ class RobotState:
         return state
 
     def to_key(self) -> dict[str, Any]:
-        """The same as `from_key` takes: a copy, which later changes leave as it is."""
+        """Return the same as `from_key` takes: a copy, which later changes leave as it is."""
         return {
             "process": self.process,
             "instances": [
@@ -92,7 +92,7 @@ class RobotState:
                 self.tokens.pop(key, None)
 
     def visible(self, place: Mapping[str, Any]) -> dict[str, Any]:
-        """The variables that an event or token sees (`scope`, `sees`): name -> value in the nearest scope."""
+        """Return the variables that an event or token sees (`scope`, `sees`): name -> value in the nearest scope."""
         found: dict[str, Any] = {}
         for key in reversed(place.get("sees", (place["scope"],))):
             if key in self.scopes:
@@ -126,7 +126,7 @@ class RobotState:
 
 
 def ended_of(key: Mapping[str, Any]) -> dict[str, int]:
-    """How many instances of a robot have ended with each status, by its part of a key message.
+    """Return how many instances of a robot have ended with each status, by its part of a key message.
 
     Keys of older recordings have only the last ones.
     """

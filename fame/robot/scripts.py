@@ -85,7 +85,7 @@ class Scripts:
         self._builtins = interface(robot=api, signal=self._signal, log=log) | own
 
     def variables(self) -> dict[str, Any]:
-        """The variables of a new instance: the interface of its scripts alone."""
+        """Return the variables of a new instance: the interface of its scripts alone."""
         return {"__builtins__": another(self._builtins)}
 
     def forget(self, variables: dict[str, Any]) -> None:
@@ -134,7 +134,7 @@ class Scripts:
         self._emit(full, known or "std_msgs/msg/Empty", payload, self._send)
 
     def signals(self, topic: str, type: str) -> Callable[[Any], object]:
-        """A function that throws a signal on a topic (full name)."""
+        """Return a function that throws a signal on a topic (full name)."""
         self._endpoints.publisher(topic, type)  # at once, so that discovery is over in time
         return lambda payload: self._emit(topic, type, payload, self._send)
 

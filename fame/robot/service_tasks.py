@@ -28,7 +28,7 @@ from fame.scripting.requests import Act, Call, GoalError, ScriptRequest
 
 
 def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
-    """The service task of that id that names a ROS service, and its process."""
+    """Return the service task of that id that names a ROS service, and its process."""
     for process in processes:
         for node in process.body.walk():
             if isinstance(node, Task) and node.id == element and node.service is not None:
@@ -39,7 +39,7 @@ def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Proces
 def call_service(
     process: Process, task: Task, *, file: str, inbox: Inbox, compile: Callable[..., Compiled]
 ) -> Callable[[dict[str, Any]], Any]:
-    """The function of such a task: takes the variables, and gives a coroutine that calls the service.
+    """Return the function of such a task: takes the variables, and gives a coroutine that calls the service.
 
     The client is made at once, so that discovery is over in time. Raises ModelError if the task has no known type.
     """

@@ -51,7 +51,7 @@ class RunningService(Protocol):
     """A started service."""
 
     def results(self) -> Mapping[str, Any] | None:
-        """The variables to set if the service has ended by itself, None while it runs."""
+        """Return the variables to set if the service has ended by itself, None while it runs."""
 
     def close(self) -> None:
         """End the service, which may have ended by itself already."""
@@ -95,7 +95,7 @@ class CommandService:
         self._worker.call(self._process.communicate, self._on_ended)
 
     def results(self) -> Mapping[str, Any] | None:
-        """The variables to set, None while the command runs. Raises ConfigError if the command failed."""
+        """Return the variables to set, None while the command runs. Raises ConfigError if the command failed."""
         if self._output is None:
             return None
         if "error" in self._output:
@@ -123,7 +123,7 @@ class CommandService:
 
 
 def compile_service(start: StartService, context: ServiceContext) -> Compiled:
-    """The behaviour of a service task: a function of the variables that gives a coroutine."""
+    """Return the behaviour of a service task: a function of the variables that gives a coroutine."""
 
     async def run(variables: dict[str, Any]) -> None:
         service = start(context, variables)
@@ -137,7 +137,7 @@ def compile_service(start: StartService, context: ServiceContext) -> Compiled:
 
 
 def variable(variables: Mapping[str, Any], name: str, default: _Value | None = None, *, type: type[_Value]) -> _Value:
-    """A variable that a service reads, `default` if it is not set.
+    """Return a variable that a service reads, `default` if it is not set.
 
     Raises ConfigError if it is missing or not of this type.
     """

@@ -76,7 +76,7 @@ class StateTables:
         self._counts: dict[int, list[int]] = {}
 
     def changes(self, more: Mapping[str, TableRows], *, whole: bool = False) -> _Change:
-        """The changes since the last call, or the whole state.
+        """Return the changes since the last call, or the whole state.
 
         `more` are tables of the caller: those that are missing have not changed.
         """
@@ -121,7 +121,7 @@ class StateTables:
                 last[name] = dict(table)
 
     def drop(self, table: str, key: str) -> _Change:
-        """The change that removes an entry."""
+        """Return the change that removes an entry."""
         self._last[table].pop(key, None)
         return {"gone": {table: [key]}}
 
@@ -172,7 +172,7 @@ class _VariableTable:
         self._seen = {}
 
     def number(self, variables: dict[str, Any]) -> int:
-        """The number of a dict, greater than those of the dicts outside it."""
+        """Return the number of a dict, greater than those of the dicts outside it."""
         if isinstance(variables, Variables):
             self.number(variables.outer)
         number = self._numbers.get(id(variables))
@@ -260,7 +260,7 @@ def restore_engine(
     new_variables: Callable[[], dict[str, Any]],
     load: Callable[[Any], Any],
 ) -> Engine:
-    """The engine of these tables. Raises MissionError for the state of another program."""
+    """Return the engine of these tables. Raises MissionError for the state of another program."""
     data: dict[str, Any] = dict(tables["engine"])
     for name in _KEYED:
         table = tables.get(name, {})
@@ -295,7 +295,7 @@ def _renumbered(record: list[Any], numbers: Mapping[int, int]) -> list[Any]:
 
 
 def instance_data(instance: Instance, program: Program, dump: Callable[[Any], Any] = dump) -> dict[str, Any]:
-    """An instance that is over, as plain data. Values that cannot be stored are left out.
+    """Return an instance that is over, as plain data. Values that cannot be stored are left out.
 
     If it was one of another program, its completed elements are counted at those of the same ids.
     """
@@ -330,7 +330,7 @@ def _packed(counts: list[int]) -> str | list[int]:
 
 
 def instance_of(data: Mapping[str, Any], program: Program, load: Callable[[Any], Any]) -> Instance:
-    """The instance that `instance_data` made such data of."""
+    """Return the instance that `instance_data` made such data of."""
     variables = {name: decode(value, load) for name, value in data["values"].items()}
     instance = Instance(data["key"], program, variables)
     instance.status = data["status"]

@@ -69,7 +69,7 @@ def gone_elements(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[M
 
 
 def what_becomes(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> tuple[list[MigratedToken], Data | None]:
-    """The fate of each token of the old process, and the resulting state in the new one.
+    """Return the fate of each token of the old process, and the resulting state in the new one.
 
     The state is a snapshot as JSON (`fame.engine.snapshot`) in which long values and those of other kinds are
     ``{"$object": null}``: unknown. None if a token is blocked.
@@ -139,5 +139,5 @@ def arm_taken_over(new: RobotNode) -> None:
 
 
 def timers_of(old: RobotNode) -> dict[str, Any]:
-    """The timers of a process, as tables of its state have them."""
+    """Return the timers of a process, as tables of its state have them."""
     return tables_of(old, epoch_of(old))["timers"]

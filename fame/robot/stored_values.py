@@ -49,7 +49,7 @@ _BY_NAME = {kind.__name__: back for kind, (_, back) in _SIMPLE.items()}
 
 
 def message_json(type: str, value: Any) -> bytes | None:
-    """The JSON of a message, or of a list of messages of a type: fast; None where only `dump` can make it."""
+    """Return the JSON of a message, or of a list of messages of a type: fast; None where only `dump` can make it."""
     if not _is_encoded_directly(type):
         return None
     try:
@@ -143,7 +143,7 @@ class Loader:
 
 
 def imported(mission: Mission) -> Iterator[str]:
-    """The modules that the scripts of a mission import."""
+    """Yield the modules that the scripts of a mission import."""
     for script in mission.scripts():
         if script.language == "python" and "import" in script.text:
             for node in ast.walk(parse_python(script)):

@@ -88,7 +88,7 @@ class Suspension:
         self._node.release(SUSPENDED)
 
     def other_holds(self) -> str:
-        """What else holds the robot, and what ends that; empty if nothing does."""
+        """Return what else holds the robot, and what ends that; empty if nothing does."""
         node = self._node
         places = list(dict.fromkeys(wait.node.id for wait in node.engine.incidents))
         repairs = f"fame retry {node.name} {places[0]}, or fame skip" if places else ""
@@ -178,13 +178,14 @@ class Suspension:
         publisher.publish(messages.create(_BOOL, locked))
 
     def to_json(self) -> dict[str, Any]:
-        """What a status says of it (`fame.deploy.Report.suspended`)."""
+        """Return what a status says of it (`fame.deploy.Report.suspended`)."""
         return {"by": self.by, "since": self.since / SECOND, "holder": self.holder} if self.by else {}
 
     # ---- across engines ----------------------------------------------------------------------------------------------
 
     def table(self, epoch: int) -> dict[str, Any]:
-        """The state of it as a table (`fame.robot.state_tables`); `epoch` is the date of time 0 (ns since 1970)."""
+        """Return the state of it as a table (`fame.robot.state_tables`); `epoch` is the date of
+        time 0 (ns since 1970)."""
         return {"": [self.by, self.since + epoch]} if self.by else {}
 
     def restore(self, table: dict[str, Any], epoch: int) -> None:

@@ -66,7 +66,7 @@ class RobotTimers:
         return self._timers[key][0].time if key in self._timers else None
 
     def is_endless(self, key: int) -> bool:
-        """Whether a timer is a cycle without end."""
+        """Return whether a timer is a cycle without end."""
         return key in self._endless
 
     def _count_instant(self, now: int) -> None:
@@ -86,7 +86,7 @@ class RobotTimers:
             timer[0].cancel()
 
     def state(self) -> Mapping[int, Sequence[Any]]:
-        """The timers that are set: kind, text, the time they count from (ns), and how often they have fired."""
+        """Return the timers that are set: kind, text, the time they count from (ns), and how often they have fired."""
         return self._texts
 
     def resume(self, key: int, kind: str, text: str, base: int, fired: int, missed: Missed = "fire") -> int:

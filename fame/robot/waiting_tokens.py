@@ -67,7 +67,7 @@ class PublisherGap(NamedTuple):
     back: int
 
     def text(self, now: int) -> str:
-        """The gap in words, as seen at `now` (ns)."""
+        """Return the gap in words, as seen at `now` (ns)."""
         gone, ago = (self.back - self.left) / SECOND, (now - self.back) / SECOND
         return f"{self.node} was gone for {gone:.3g} s until {ago:.3g} s ago: its messages of that time may be lost"
 
@@ -93,7 +93,7 @@ class PublisherGaps:
             self._there[topic] = there
 
     def since(self, time: int, topics: Iterable[str]) -> PublisherGap | None:
-        """The last gap on one of these topics that ended after a time (ns)."""
+        """Return the last gap on one of these topics that ended after a time (ns)."""
         found = [gap for topic in topics if (gap := self._last.get(topic)) is not None and gap.back > time]
         return max(found, key=lambda gap: gap.back, default=None)
 
@@ -134,7 +134,7 @@ class WaitingTokens:
         self.uncorrelated = dict.fromkeys(waits, self._scheduler.now)
 
     def state(self, wait: Wait) -> object:
-        """A value that is cheap to compare: `details` differ only if it does."""
+        """Return a value that is cheap to compare: `details` differ only if it does."""
         key, runner = wait.key, self._runner
         server = runner.server_silence(key), runner.server_mismatch(key)
         return wait.paused, wait.due, self.person, runner.request(key), self.uncorrelated.get(key), *server
@@ -164,7 +164,7 @@ class WaitingTokens:
         return (self._graph, warned) != before
 
     def list(self, engine: Engine, most: int | None = None) -> list[WaitingToken]:
-        """The tokens that wait, at most `most`. Call it regularly: times and gaps are those between calls."""
+        """Return the tokens that wait, at most `most`. Call it regularly: times and gaps are those between calls."""
         waits = list(islice(_waits(engine), most))
         joins = list(islice(_joins(engine), None if most is None else most - len(waits)))
         now, publishers = self._scheduler.now, self._publishers()
@@ -189,7 +189,7 @@ class WaitingTokens:
         return found
 
     def count(self, engine: Engine) -> int:
-        """The number of tokens that wait."""
+        """Return the number of tokens that wait."""
         return sum(1 for _ in _waits(engine)) + sum(1 for _ in _joins(engine))
 
     def on_suspended(self, engine: Engine) -> None:
@@ -244,7 +244,7 @@ class WaitingTokens:
     def starts(
         self, engine: Engine, due: Mapping[int, int], *, epoch: datetime, by_message: bool
     ) -> Iterator[WaitingToken]:
-        """The start events that wait for their trigger. `due`: key of an armed timer start -> its time (ns).
+        """Yield the start events that wait for their trigger. `due`: key of an armed timer start -> its time (ns).
 
         `epoch` is the date of time 0.
         """
@@ -261,7 +261,7 @@ class WaitingTokens:
                 yield WaitingToken(self._robot, node.id, text, topics=counts)
 
     def details(self, wait: Wait) -> dict[str, Any]:
-        """What a token waits for: its kind, in words, and the topics and condition that would move it."""
+        """Return what a token waits for: its kind, in words, and the topics and condition that would move it."""
         catch = wait.catch
         describe = _Describer(self._node.namespace, self._runner, self._conditions, lambda topic: "", _ANY_TOPIC)
         found: dict[str, Any] = {"kind": _kind(wait), "text": describe.wait(wait)}
@@ -360,7 +360,7 @@ class _Describer:
     publishers: Mapping[str, Collection[str]]
 
     def wait(self, wait: Wait) -> str:
-        """What a token waits for."""
+        """Return what a token waits for."""
         catch, variables = wait.catch, wait.scope.variables
         if wait.due:
             return f"the end of its suspension: it {_came_due(wait)}"
@@ -408,13 +408,13 @@ def _joins(engine: Engine) -> Iterator[tuple[Scope, ProgramNode, Sequence[int]]]
 
 
 def silence_text(kind: str, since: int, now: int) -> str:
-    """What `Runner.server_silence` says, in words, at `now` (ns)."""
+    """Return what `Runner.server_silence` says, in words, at `now` (ns)."""
     seconds = f"{max(0, now - since) / SECOND:.3g} s"
     return f"it has had no server for {seconds}" if kind == "gone" else f"its server has said nothing for {seconds}"
 
 
 def suspender(wait: Wait) -> Scope | None:
-    """The scope of the event sub-process that suspends a token; None if the robot is on hold."""
+    """Return the scope of the event sub-process that suspends a token; None if the robot is on hold."""
     scope: Scope | None = wait.scope
     while scope is not None:
         if scope.suspender is not None and wait.key < scope.mark:

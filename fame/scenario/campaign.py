@@ -59,7 +59,7 @@ class Job:
     record: str = ""
 
     def command(self) -> str:
-        """The command that repeats this run."""
+        """Return the command that repeats this run."""
         words = ["fame", "run", self.scenario, "--seed", str(self.seed)]
         for path, value in self.changes.items():
             if path == FAULTS:
@@ -164,7 +164,8 @@ def _measured(text: str, variables: Mapping[str, _Variables]) -> Any:
 
 
 def cause_of(result: Any) -> str:
-    """The cause of a failed run: robot, element and code of the first error, else the robots that waited and where."""
+    """Return the cause of a failed run: robot, element and code of the first error, else the
+    robots that waited and where."""
     if result.status == "completed":
         return ""
     for robot in result.robots:
@@ -182,7 +183,7 @@ def cause_of(result: Any) -> str:
 
 
 def parse_fault(text: str) -> Fault:
-    """A fault as on the command line: ``REX@40:engine``. Raises ConfigError."""
+    """Return a fault as on the command line: ``REX@40:engine``. Raises ConfigError."""
     robot, at, rest = text.partition("@")
     time, colon, kind = rest.partition(":")
     try:
@@ -227,7 +228,7 @@ class Campaign:
     record: str = ""
 
     def jobs(self) -> list[Job]:
-        """All runs, in order. Raises ConfigError for a scenario or variation that is wrong."""
+        """Return all runs, in order. Raises ConfigError for a scenario or variation that is wrong."""
         from fame.scenario.plan import read_scenario
 
         yaml = Path(self.scenario).suffix.lower() in (".yaml", ".yml")
@@ -262,7 +263,7 @@ class Campaign:
         Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
 
     def files(self) -> dict[str, str]:
-        """The SHA-256 of the scenario, of what it names, and of the models, by file."""
+        """Return the SHA-256 of the scenario, of what it names, and of the models, by file."""
         from fame.scenario.plan import named_files
         from fame.scenario.scenario import Scenario
 
@@ -403,7 +404,7 @@ class Folder:
                 raise ConfigError(text, file=name)
 
     def campaign(self) -> Campaign:
-        """The campaign of the folder. Raises ConfigError."""
+        """Return the campaign of the folder. Raises ConfigError."""
         from fame.scenario.variation import Distribution
 
         about = self._about()
@@ -419,7 +420,7 @@ class Folder:
         )
 
     def rows(self) -> list[_Row]:
-        """The rows of the completed runs; an incomplete line is ignored."""
+        """Return the rows of the completed runs; an incomplete line is ignored."""
         path = self.path / ROWS
         if not path.exists():
             return []

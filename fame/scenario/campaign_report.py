@@ -33,12 +33,12 @@ CRASHED = "crashed"
 
 
 def counted(rows: Iterable[CampaignRow]) -> list[CampaignRow]:
-    """The runs without those of impossible worlds."""
+    """Return the runs without those of impossible worlds."""
     return [row for row in rows if row["status"] in COUNTED]
 
 
 def interval(rows: Sequence[CampaignRow], *, property: str | None = None) -> tuple[float, float]:
-    """The interval of the probability of completion, or of that `property` is violated."""
+    """Return the interval of the probability of completion, or of that `property` is violated."""
     if property is not None:
         return wilson(*counts(rows, property))
     runs = counted(rows)
@@ -46,7 +46,7 @@ def interval(rows: Sequence[CampaignRow], *, property: str | None = None) -> tup
 
 
 def summary(rows: Sequence[CampaignRow]) -> dict[str, Any]:
-    """The result of a campaign as data."""
+    """Return the result of a campaign as data."""
     runs = counted(rows)
     done = [row for row in runs if row["status"] == "completed"]
     low, high = interval(rows)
@@ -129,7 +129,8 @@ def causes(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
 
 
 def importance(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
-    """The correlation of each varied value with success, and with the duration of completed runs, strongest first.
+    """Return the correlation of each varied value with success, and with the duration of completed
+    runs, strongest first.
 
     ``strength`` is from 0 (none) to 1: Spearman's rank correlation for numbers, the correlation ratio for choices.
     Places (x, y) count by the stronger coordinate.
@@ -181,7 +182,7 @@ def _correlation_ratio(values: Sequence[str], outcomes: Sequence[float]) -> floa
 
 
 def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
-    """The result as lines of text."""
+    """Yield the result as lines of text."""
     found = summary(rows)
     statuses = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
     yield f"{found['runs']} runs: {statuses}"
@@ -248,7 +249,8 @@ def _flat(row: CampaignRow) -> dict[str, Any]:
 
 
 def html_report(rows: Sequence[CampaignRow], scenario: str) -> str:
-    """One page: the result, the distribution of durations, failures with the commands that repeat them, parameters."""
+    """Return one page: the result, the distribution of durations, failures with the commands that
+    repeat them, parameters."""
     found = summary(rows)
     plots = _plots(found, rows)
     low, high = found["interval"]

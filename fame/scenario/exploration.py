@@ -137,7 +137,8 @@ def explore_found(definitions: Definitions, library: Library, found: Mapping[str
 
 
 def objection(explored: Exploration, *, partial: bool = False) -> str:
-    """Why a team should not migrate to the explored state: the first error, or a search that was cut; else empty.
+    """Return why a team should not migrate to the explored state: the first error, or a search
+    that was cut; else empty.
 
     With `partial` a search that was cut is accepted.
     """
@@ -176,7 +177,7 @@ def explore_migrated(
 def cast_of(
     model: str | Path | Definitions, robots: Mapping[str, int], library: str | Path | Sequence[str | Path]
 ) -> tuple[Definitions, Library, dict[str, Pool]]:
-    """The model, its library, and robot -> pool. Raises ModelError and ConfigError."""
+    """Return the model, its library, and robot -> pool. Raises ModelError and ConfigError."""
     for name, count in robots.items():
         expect(0 < count <= MOST, f"robots of {name}", count, f"1 to {MOST}")
     if _is_scenario(model):

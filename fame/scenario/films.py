@@ -33,7 +33,7 @@ def check_film(path: Path, endings: Sequence[str] = (*FILMS, PICTURE)) -> None:
 
 
 def read_film(source: str | Path) -> tuple[WorldRecord, Sequence[Caption]]:
-    """What a recording shows of its simulated world, and the captions of its robots.
+    """Return what a recording shows of its simulated world, and the captions of its robots.
 
     Raises ConfigError for a recording without such a world, and for one that cannot be read.
     """

@@ -36,7 +36,7 @@ BATTERY = "sensor_msgs/msg/BatteryState"
 
 
 def team_vocabulary(plan: Plan, check_field: CheckField = lambda topic, path: "") -> Vocabulary:
-    """The vocabulary of a scenario. Raises ModelError for a called process that is not found."""
+    """Return the vocabulary of a scenario. Raises ModelError for a called process that is not found."""
     values = (value for each in plan.properties for part in each.condition for value in (part.left, part.right))
     reads = any(value.kind == "variable" for value in values)
     variables = _variables(plan.definitions, plan) if reads else {}  # to look for them takes as long as to read a model
@@ -164,7 +164,7 @@ class RunJudge(Observer):
                 self.judge.sample(now, ValueSource("pose", robot), pose(x, y, altitude))
 
     def judgements(self, *, complete: bool = False) -> list[Judgement]:
-        """The judgements now, as if this instant were over; `complete`: and nothing came after it."""
+        """Return the judgements now, as if this instant were over; `complete`: and nothing came after it."""
         self._read()
         self.look()
         now = self._middleware.scheduler.now
@@ -174,7 +174,7 @@ class RunJudge(Observer):
     # ---- the end -----------------------------------------------------------------------------------------------------
 
     def finish(self, time: int, *, complete: bool) -> list[Judgement]:
-        """The judgements at the end of the run; what is done to stop it is not judged."""
+        """Return the judgements at the end of the run; what is done to stop it is not judged."""
         self._read()
         self.look()
         return self.judge.finish(time, complete=complete)
@@ -268,7 +268,7 @@ class _RunWatch:
 
 
 def pose(x: float, y: float, altitude: float) -> RobotPosition:
-    """A position in the world, as recordings have it."""
+    """Return a position in the world, as recordings have it."""
     return RobotPosition(round(x, 4), round(y, 4), round(altitude, 3))
 
 

@@ -66,7 +66,7 @@ class OutsideSignal:
 
 
 def published_from_outside(signal: OutsideSignal) -> str:
-    """What is reported of a signal."""
+    """Return what is reported of a signal."""
     return f"{signal.topic} is published from outside"
 
 
@@ -229,7 +229,8 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
 
 
 def named_files(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -> list[tuple[str, Path]]:
-    """The files that a scenario (or a model alone) names, each with its folder in recordings; nothing is imported.
+    """Return the files that a scenario (or a model alone) names, each with its folder in
+    recordings; nothing is imported.
 
     ``scenario``, ``models``, ``world``, ``code`` (own types of robots); ``module`` is a module by its name, no file.
     Raises ConfigError.

@@ -16,7 +16,7 @@ NEAREST = 5
 
 
 def columns(judgements: Iterable[Judgement]) -> dict[str, Any]:
-    """The columns of a run."""
+    """Return the columns of a run."""
     return {
         key: value
         for one in judgements
@@ -25,12 +25,12 @@ def columns(judgements: Iterable[Judgement]) -> dict[str, Any]:
 
 
 def names(rows: Iterable[CampaignRow]) -> list[str]:
-    """The properties that runs were judged by."""
+    """Return the properties that runs were judged by."""
     return list(dict.fromkeys(key.removeprefix(VERDICT) for row in rows for key in row if key.startswith(VERDICT)))
 
 
 def counts(rows: Iterable[CampaignRow], name: str) -> tuple[int, int]:
-    """How many runs violate a property, of how many that violate it or in which it holds."""
+    """Return how many runs violate a property, of how many that violate it or in which it holds."""
     words = Counter(row.get(VERDICT + name) for row in rows)
     return words["violated"], words["violated"] + words["holds"]
 
@@ -40,7 +40,7 @@ def statistics(
     interval: Callable[[int, int], tuple[float, float]],
     spread: Callable[[Sequence[Any]], dict[str, float]],
 ) -> dict[str, Any]:
-    """The result about each property, as data.
+    """Return the result about each property, as data.
 
     The probability is of a violation in a run that could be judged: those in which it was not triggered, pending or not
     known are counted apart. The nearest misses are the runs with the least slack in which it holds.
@@ -65,7 +65,7 @@ def statistics(
 
 
 def slacks(rows: Iterable[CampaignRow], name: str) -> list[float]:
-    """The slacks of the runs in which a property holds."""
+    """Return the slacks of the runs in which a property holds."""
     held = (row[SLACK + name] for row in rows if row.get(VERDICT + name) == "holds")
     return [float(slack) for slack in held if slack is not None]
 
@@ -75,7 +75,7 @@ def _shown(row: CampaignRow, name: str) -> dict[str, Any]:
 
 
 def lines(found: Mapping[str, Any]) -> Iterator[str]:
-    """The result about each property as text."""
+    """Yield the result about each property as text."""
     for name, one in found.items():
         words = ", ".join(f"{count} {word}" for word, count in one["verdicts"].items())
         low, high = one["interval"]

@@ -324,5 +324,6 @@ _NUMBER = re.compile(r"\b\d+\b")
 
 
 def alike(event: Event) -> object:
-    """What reports have in common that differ in numbers only, such as how many messages were lost; None for a log."""
+    """Return what reports have in common that differ in numbers only, such as how many messages
+    were lost; None for a log."""
     return (event.robot, event.element, _NUMBER.sub("#", str(event.detail))) if event.what == "report" else None

@@ -45,7 +45,7 @@ def safety_report(
     faults: bool,
     coverage: CoverageReport | None = None,
 ) -> str:
-    """The page about an exploration of a scenario, perhaps with single `faults`.
+    """Return the page about an exploration of a scenario, perhaps with single `faults`.
 
     `command` repeats it, with this `version` of FAME; `coverage` is that of tests.
     """

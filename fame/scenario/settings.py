@@ -134,7 +134,7 @@ def with_parameters(
     variables: Mapping[str, Mapping[str, Any]],
     source: Source,
 ) -> tuple[dict[str, Pool], dict[str, dict[str, Any]]]:
-    """The pools of the robots with values set, and the variables that their processes start with.
+    """Return the pools of the robots with values set, and the variables that their processes start with.
 
     A parameter replaces the value that data objects give the variable. `variables` by robot, `ALL` for all whose model
     has them. Raises ConfigError for unknown robots, and for variables that the model does not have.

@@ -49,7 +49,7 @@ class TeamLogs:
         self._file: _Recording | None = None
 
     def recorder(self, middleware: Middleware, scheduler: Scheduler) -> TeamRecorder:
-        """The node that records the team."""
+        """Return the node that records the team."""
         from fame.scenario.judging import team_vocabulary
 
         made = self._scenario.properties

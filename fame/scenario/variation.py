@@ -40,7 +40,7 @@ class Distribution:
     choices: tuple[Any, ...] = ()
 
     def value(self, quantile: float, places: Sequence[tuple[float, float]]) -> Any:
-        """The value at a quantile (0 to 1). `places` are those of free ground."""
+        """Return the value at a quantile (0 to 1). `places` are those of free ground."""
         match self.kind:
             case "choice":
                 return self.choices[min(int(quantile * len(self.choices)), len(self.choices) - 1)]
@@ -115,7 +115,7 @@ def _distribution(path: str, value: ConfigValue) -> Distribution:
 
 
 def points(variation: Variation, runs: int, seed: int, world: WorldConfig | None) -> Iterator[dict[str, Any]]:
-    """The values of each run, by path; the same seed gives the same. Raises ConfigError.
+    """Yield the values of each run, by path; the same seed gives the same. Raises ConfigError.
 
     A factorial design gives each combination in turn, and begins again after the last one.
     """
@@ -146,7 +146,7 @@ def _quantiles(variation: Variation, runs: int, seed: int) -> Iterator[Sequence[
 
 
 def free_places(distribution: Distribution, world: WorldConfig | None) -> list[tuple[float, float]]:
-    """The centres of the cells of the ground that are clear of obstacles."""
+    """Return the centres of the cells of the ground that are clear of obstacles."""
     if world is None:
         raise ConfigError(f"{distribution.path}: free: the scenario has no world")
     import numpy as np
@@ -167,7 +167,8 @@ def free_places(distribution: Distribution, world: WorldConfig | None) -> list[t
 
 
 def changed(data: Any, changes: Mapping[str, Any], file: str) -> Any:
-    """The data of a scenario with other values at some paths. Raises ConfigError for a path that does not exist."""
+    """Return the data of a scenario with other values at some paths. Raises ConfigError for a path
+    that does not exist."""
     data = copy.deepcopy(data)
     for path, value in changes.items():
         *way, last = path.split(".")
@@ -198,5 +199,5 @@ def _entry(place: Any, key: str) -> Any:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number that can be compared."""
+    """Return whether a value is a number that can be compared."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

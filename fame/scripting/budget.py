@@ -42,7 +42,7 @@ class BudgetExceeded(BaseException):
 
 
 def script_frame(frame: FrameType | None, budget: object = None) -> FrameType | None:
-    """The outermost frame of a script (of the interface with that budget) that called `frame`, or None."""
+    """Return the outermost frame of a script (of the interface with that budget) that called `frame`, or None."""
     found = None
     while frame is not None:
         owner = frame.f_builtins.get(BUDGET)
@@ -212,7 +212,7 @@ def spend(ticks: float = PASS) -> None:
 
 
 def weight(value: Any) -> int:
-    """The cost of reading or making a value."""
+    """Return the cost of reading or making a value."""
     if value.__class__ in _ATOMS:
         return 0
     if isinstance(value, (list, tuple)):

@@ -37,12 +37,12 @@ def checked(value: Any, name: str) -> Any:
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a number; true and false are not."""
+    """Return whether it is a number; true and false are not."""
     return value.__class__ in NUMBERS or (isinstance(value, Number) and not isinstance(value, bool))
 
 
 def is_list(value: Any) -> bool:
-    """Whether it is a list, a tuple or an array; not a text."""
+    """Return whether it is a list, a tuple or an array; not a text."""
     if isinstance(value, (str, bytes)):
         return False
     return isinstance(value, Sequence) or (hasattr(value, "tolist") and hasattr(value, "__len__"))
@@ -54,7 +54,7 @@ def is_empty(value: Any) -> bool:
 
 
 def field(value: Any, name: str) -> Any:
-    """The field of a mapping or object.
+    """Return the field of a mapping or object.
 
     Of null it is null, of a mapping without it too. Raises Undefined, TypeError.
     """
@@ -69,14 +69,14 @@ def field(value: Any, name: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """The value with arrays and tuples as lists, so that it can be compared."""
+    """Return the value with arrays and tuples as lists, so that it can be compared."""
     if value.__class__ is tuple:
         return list(value)
     return value.tolist() if hasattr(value, "tolist") else value
 
 
 def to_number(value: Any) -> int | float | None:
-    """A number from a number or text; null from null. Raises TypeError."""
+    """Return a number from a number or text; null from null. Raises TypeError."""
     if value is None or is_number(value):
         return value  # type: ignore[no-any-return]
     try:
@@ -87,7 +87,7 @@ def to_number(value: Any) -> int | float | None:
 
 
 def to_text(value: Any) -> str:
-    """The text of a value as expressions write it: true, false; empty for null."""
+    """Return the text of a value as expressions write it: true, false; empty for null."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -96,7 +96,7 @@ def to_text(value: Any) -> str:
 
 
 def fields_of(value: Any) -> dict[str, Any]:
-    """The entries of a mapping or the fields of an object such as a message; empty if it has none."""
+    """Return the entries of a mapping or the fields of an object such as a message; empty if it has none."""
     if isinstance(value, Mapping):
         return dict(value)
     return {name: getattr(value, name) for name in _fields(value)}

@@ -58,7 +58,7 @@ class Token:
 
 
 def tokenize(text: str) -> list[Token]:
-    """The tokens of a text and an end. Raises ExpressionError."""
+    """Return the tokens of a text and an end. Raises ExpressionError."""
     tokens: list[Token] = []
     place = 0
     while place < len(text):
@@ -164,7 +164,7 @@ class ExpressionParser:
         return metered(evaluate) if self.counts else evaluate
 
     def parsed(self) -> Parsed:
-        """The same, with the variables and constants."""
+        """Return the same, with the variables and constants."""
         return Parsed(self.whole(), self.names, self.constants)
 
     def expression(self, power: int = 0) -> Evaluate:
@@ -223,7 +223,7 @@ class ExpressionParser:
         return token
 
     def at(self, sign: str, ahead: int = 0) -> bool:
-        """Whether the next token (or one further ahead) is this operator or word."""
+        """Return whether the next token (or one further ahead) is this operator or word."""
         token = self._tokens[min(self._index + ahead, len(self._tokens) - 1)]
         return token.kind in ("operator", "name") and token.value == sign
 
@@ -248,7 +248,7 @@ class ExpressionParser:
         return str(self.advance().value)
 
     def unexpected(self, expected: str) -> ExpressionError:
-        """The error for the next token."""
+        """Return the error for the next token."""
         return ExpressionError(f"expected {expected}, got {self.token}", self.token.place)
 
     def separated(self, close: str) -> Iterator[None]:
@@ -356,7 +356,7 @@ def constant(value: Any) -> Evaluate:
 
 
 def variable(name: str, undefined_is_null: bool) -> Evaluate:
-    """A variable by name. Where it is not set: null, or raises Undefined."""
+    """Return a variable by name. Where it is not set: null, or raises Undefined."""
 
     def evaluate(variables: Mapping[str, Any]) -> Any:
         try:
@@ -379,7 +379,7 @@ def _of_robot(variables: Mapping[str, Any], name: str, undefined_is_null: bool) 
 
 
 def numbers_first(compute: Operation, otherwise: Operation) -> Callable[[Evaluate, Evaluate], Evaluate]:
-    """An operator that computes with plain numbers at once, and otherwise with anything else."""
+    """Return an operator that computes with plain numbers at once, and otherwise with anything else."""
 
     def combine(left: Evaluate, right: Evaluate) -> Evaluate:
         def evaluate(variables: Mapping[str, Any]) -> Any:
@@ -394,7 +394,7 @@ def numbers_first(compute: Operation, otherwise: Operation) -> Callable[[Evaluat
 
 
 def infix(power: int, combine: Callable[[Evaluate, Evaluate], Evaluate]) -> tuple[int, Infix]:
-    """The table entry of a left-associative operator."""
+    """Return the table entry of a left-associative operator."""
     return power, lambda parser, left: combine(left, parser.expression(power))
 
 

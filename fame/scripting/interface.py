@@ -81,12 +81,12 @@ class Robot:
         return self._inbox.queue(topic, type, queue)
 
     def latest(self, topic: str, type: str | None = None) -> AnyMessage | None:
-        """The latest message on a topic, None if there has been none."""
+        """Return the latest message on a topic, None if there has been none."""
         check_topic("robot.latest", topic)
         return self._inbox.latest(topic, type)
 
     def transform(self, target: str, source: str, at: AnyMessage | None = None) -> AnyMessage | None:
-        """The pose of frame `source` in frame `target`, None if ``/tf`` and ``/tf_static`` have not told it.
+        """Return the pose of frame `source` in frame `target`, None if ``/tf`` and ``/tf_static`` have not told it.
 
         It is a geometry_msgs/msg/TransformStamped: the latest, or that `at` a stamp of the last 10 s.
         """
@@ -109,13 +109,13 @@ class Robot:
 
 
 def mission_date(variables: Mapping[str, Any]) -> datetime | None:
-    """The date and time (UTC) of the mission that has these variables, None outside of a mission."""
+    """Return the date and time (UTC) of the mission that has these variables, None outside of a mission."""
     robot = _robot(variables)
     return None if robot is None else robot.date
 
 
 def random_source(variables: Mapping[str, Any]) -> Random | None:
-    """The random numbers of the robot that has these variables, None outside of a mission."""
+    """Return the random numbers of the robot that has these variables, None outside of a mission."""
     robot = _robot(variables)
     return None if robot is None else robot.random
 
@@ -152,7 +152,7 @@ class Log:
 def interface(
     *, robot: Robot | None, signal: Callable[..., object], log: Emit, budget: int = DEFAULT
 ) -> dict[str, Any]:
-    """A new ``__builtins__`` for the variables of one process instance.
+    """Return a new ``__builtins__`` for the variables of one process instance.
 
     `signal(name, payload=None)` throws a signal; `log(level, text)` writes a line of log, as ``print`` in
     a script does. `budget` limits the loop iterations and function calls of one step.
@@ -168,7 +168,7 @@ def interface(
 
 
 def another(names: dict[str, Any], budget: int = DEFAULT) -> dict[str, Any]:
-    """A copy of the interface for another process instance, with its own budget."""
+    """Return a copy of the interface for another process instance, with its own budget."""
     copy = names.copy()
     Budget(copy, budget)
     return copy

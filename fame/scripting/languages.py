@@ -35,7 +35,7 @@ def compile_script(expression: Expression, *, file: str = "", element: str = "")
 
 
 def compile_expression(expression: Expression, *, file: str = "", element: str = "") -> Code:
-    """A condition or value. The callable takes the variables and gives the value.
+    """Return a condition or value. The callable takes the variables and gives the value.
 
     Of languages ``value`` and ``payload`` it gives UNDEFINED where a name is not set, and leaves fields out; a payload
     calls `MISSING` of the variables for each. Raises ModelError and UnavailableError as `compile_script`.

@@ -56,7 +56,7 @@ def _code(expression: Expression, mode: Literal["exec", "eval"], file: str, elem
 def parse_python(
     expression: Expression, mode: Literal["exec", "eval"] = "exec", file: str = "", element: str = ""
 ) -> ast.AST:
-    """The syntax tree of a text, with the lines of the file. Raises ModelError."""
+    """Return the syntax tree of a text, with the lines of the file. Raises ModelError."""
     tree: ast.AST = _compiled(expression, mode, file, element, ast.PyCF_ONLY_AST)
     return ast.increment_lineno(tree, max(0, expression.line - 1))
 
@@ -109,12 +109,12 @@ def _compile_tree(
 
 
 def source_name(file: str) -> str:
-    """The file name that compiled code carries."""
+    """Return the file name that compiled code carries."""
     return file or "<script>"
 
 
 def error_line(error: BaseException, file: str = "") -> int:
-    """The line of the .bpmn file where a script raised `error`; 0 if no script was involved."""
+    """Return the line of the .bpmn file where a script raised `error`; 0 if no script was involved."""
     line, trace = 0, error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == source_name(file):
@@ -124,7 +124,7 @@ def error_line(error: BaseException, file: str = "") -> int:
 
 
 def error_text(error: BaseException) -> str:
-    """The error of a script as text: ``ZeroDivisionError: division by zero``."""
+    """Return the error of a script as text: ``ZeroDivisionError: division by zero``."""
     text = " ".join(str(error).split())
     name = type(error).__name__
     return f"{name}: {text}" if text else name
@@ -142,7 +142,7 @@ def _source(expression: Expression, mode: str) -> str:
 
 
 def accepted(expression: Expression, mode: Literal["exec", "eval"]) -> tuple[str, ast.AST] | None:
-    """The text as Python accepts it, line by line the same, and its tree; None of an invalid one."""
+    """Return the text as Python accepts it, line by line the same, and its tree; None of an invalid one."""
     for each in (expression, _hanging(expression) if mode == "exec" else None):
         if each is not None:
             try:
@@ -195,7 +195,7 @@ def _hint(text: str, line: str, condition: bool) -> str:
 
 
 def called_name(call: ast.Call) -> str:
-    """The name of the called function or method: ``receive``, ``robot.call``; else empty."""
+    """Return the name of the called function or method: ``receive``, ``robot.call``; else empty."""
     function = call.func
     if isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
         return f"{function.value.id}.{function.attr}"

@@ -274,7 +274,7 @@ class Inbox:
         return {topic: listener.type for topic, listener in self._listeners.items()}
 
     def latest(self, topic: str, type: str | None = None) -> AnyMessage | None:
-        """The latest message since the subscription, None if there was none. Raises what `listen` raises."""
+        """Return the latest message since the subscription, None if there was none. Raises what `listen` raises."""
         return self.listen(topic, type).latest
 
     def transform(self, target: str, source: str, at: Any) -> AnyMessage | None:
@@ -284,21 +284,21 @@ class Inbox:
         return self._transforms.lookup(target, source, at)
 
     def queue(self, topic: str, type: str | None, depth: int) -> MessageQueue:
-        """A queue of future messages, filled as long as it is referenced. Raises what `listen` raises."""
+        """Return a queue of future messages, filled as long as it is referenced. Raises what `listen` raises."""
         listener = self.listen(topic, type)
         queue = MessageQueue(listener.topic, depth)
         listener.queues.append(weakref.ref(queue))
         return queue
 
     def client(self, service: str, type: str) -> Client:
-        """The client of a service, named relative to the robot. Raises MessageError if the type is unknown."""
+        """Return the client of a service, named relative to the robot. Raises MessageError if the type is unknown."""
         client = self._clients.get((service, type))
         if client is None:
             client = self._clients[service, type] = self._node.client(service, type)
         return client
 
     def action(self, name: str, type: str) -> ActionClient:
-        """The client of an action, named relative to the robot. Raises MessageError if the type is unknown."""
+        """Return the client of an action, named relative to the robot. Raises MessageError if the type is unknown."""
         client = self._actions.get((name, type))
         if client is None:
             client = self._actions[name, type] = ActionClient(self._node, name, type)

@@ -181,21 +181,21 @@ class Runner:
         return False
 
     def key_of(self, script: Any) -> int:
-        """The key of a script that runs; 0 for another one."""
+        """Return the key of a script that runs; 0 for another one."""
         return next((key for key, task in self._tasks.items() if task.script is script), 0)
 
     def request(self, key: int) -> ScriptRequest | None:
-        """The request that a script awaits, None for an unknown script."""
+        """Return the request that a script awaits, None for an unknown script."""
         task = self._tasks.get(key)
         return task.request if task is not None else None
 
     def waits(self, key: int) -> str:
-        """The request that a script awaits, as text; empty for an unknown script."""
+        """Return the request that a script awaits, as text; empty for an unknown script."""
         task = self._tasks.get(key)
         return str(task.request) if task is not None and task.request is not None else ""
 
     def server_silence(self, key: int) -> tuple[str, int] | None:
-        """What is to be known of the server of an awaited request, and since when (ns); None if it is at work.
+        """Return what is to be known of the server of an awaited request, and since when (ns); None if it is at work.
 
         ``gone``: it has left, or none was there; ``silent``: neither feedback nor response came for some seconds.
         """
@@ -208,7 +208,8 @@ class Runner:
         return ("silent", task.heard) if silent and task.heard is not None else None
 
     def server_mismatch(self, key: int) -> str:
-        """Why the server of an awaited request, which has been out of reach for a while, is not connected, as text."""
+        """Return why the server of an awaited request, which has been out of reach for a while, is
+        not connected, as text."""
         task = self._tasks.get(key)
         request = task.request if task is not None else None
         if task is None or task.gone is None or self._scheduler.now - task.gone < _APART:
@@ -218,7 +219,7 @@ class Runner:
         return self.inbox.client(request.service, request.type).mismatch if isinstance(request, Call) else ""
 
     def awaited_topic(self, key: int) -> str | None:
-        """The topic that a script awaits with `receive`, None if it awaits something else."""
+        """Return the topic that a script awaits with `receive`, None if it awaits something else."""
         task = self._tasks.get(key)
         return task.request.topic if task is not None and isinstance(task.request, Receive) else None
 

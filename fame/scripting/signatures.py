@@ -49,13 +49,13 @@ class Function:
         return f"({', '.join(names)})" if not self.rest else f"({', '.join(names).rstrip('?')}...)"
 
     def types(self, count: int) -> list[str]:
-        """The types of the first `count` arguments."""
+        """Return the types of the first `count` arguments."""
         types = [type for _, type in self.parameters]
         return types[:count] + types[-1:] * (count - len(types))
 
 
 def functions(table: Mapping[str, Callable[..., Any]], *, sees: bool = False) -> dict[str, tuple[Function, ...]]:
-    """The functions of a table by signature, as (name -> its signatures)."""
+    """Return the functions of a table by signature, as (name -> its signatures)."""
     found: dict[str, tuple[Function, ...]] = {}
     for signature, call in table.items():
         name, _, rest = signature.partition("(")
@@ -77,7 +77,7 @@ _SIZED = frozenset({list, str})
 
 
 def called(function: Function, name: str, arguments: list[Evaluate], null: bool) -> Evaluate:
-    """A function call. An error is null if `null`, else TypeError."""
+    """Return a function call. An error is null if `null`, else TypeError."""
     checks = [_CHECKS.get(type) for type in function.types(len(arguments))]
 
     def evaluate(variables: Mapping[str, Any]) -> Any:

@@ -68,7 +68,7 @@ class Substituted:
         return evaluate
 
     def parsed(self, evaluate: Evaluate) -> Parsed:
-        """A function that fills the values in, with what it reads."""
+        """Return a function that fills the values in, with what it reads."""
         return Parsed(evaluate, self.names, self.constants)
 
 
@@ -83,7 +83,7 @@ def inside(text: str) -> str | None:
 
 
 def is_text(text: str) -> bool:
-    """Whether the value of a payload is always a text: ``at ${x}``, neither ``${x}`` nor ``{x: ${x}}``."""
+    """Return whether the value of a payload is always a text: ``at ${x}``, neither ``${x}`` nor ``{x: ${x}}``."""
     text = text.strip()
     return not text.startswith(_COLLECTION) and inside(text) is None and bool(_HOLE.search(text))
 
@@ -98,7 +98,7 @@ def template(text: str) -> Parsed:
 
 
 def payload(text: str, missing: Missing) -> Parsed:
-    """A function that gives the value, or UNDEFINED; and the names that it reads. Raises ExpressionError."""
+    """Return a function that gives the value, or UNDEFINED; and the names that it reads. Raises ExpressionError."""
     substituted = Substituted(text.strip())
     marked = substituted.marked
     try:
@@ -245,7 +245,7 @@ _WORDS |= {f".{word}": float("nan") for word in ("nan", "NaN", "NAN")}
 
 
 def scalar(text: str) -> Any:
-    """The value of a plain scalar (YAML 1.2.2, section 10.3.2).
+    """Return the value of a plain scalar (YAML 1.2.2, section 10.3.2).
 
     >>> scalar("2"), scalar("1e3"), scalar("true"), scalar("on"), scalar("~")
     (2, 1000.0, True, 'on', None)
@@ -261,7 +261,8 @@ def scalar(text: str) -> Any:
 
 @lru_cache(maxsize=1024)
 def flow(text: str) -> Any:
-    """The value of a flow collection or quoted scalar: flow-style YAML, of which JSON is a part. Not to be changed.
+    """Return the value of a flow collection or quoted scalar: flow-style YAML, of which JSON is a
+    part. Not to be changed.
 
     Raises ValueError that says where.
     """

@@ -44,7 +44,7 @@ class Transform(NamedTuple):
         return Transform((tx, ty, tz), turned)
 
     def inverse(self) -> Transform:
-        """The pose of the other frame in this one."""
+        """Return the pose of the other frame in this one."""
         x, y, z, w = self.rotation
         back = (-x, -y, -z, w)
         tx, ty, tz = _turn(back, self.translation)
@@ -70,7 +70,7 @@ class _Frame:
         del self.times[:old], self.poses[:old]
 
     def at(self, time: int) -> Transform | None:
-        """Its pose at a time, None outside of what is known."""
+        """Return its pose at a time, None outside of what is known."""
         if self.static:
             return self.poses[0]
         if not self.times[0] <= time <= self.times[-1]:
@@ -104,7 +104,7 @@ class TransformBuffer:
             frame.add(nanoseconds(each.header.stamp), Transform((place.x, place.y, place.z), rotation))
 
     def lookup(self, target: str, source: str, at: Any = None) -> AnyMessage | None:
-        """The pose of frame `source` in frame `target`, as geometry_msgs/msg/TransformStamped.
+        """Return the pose of frame `source` in frame `target`, as geometry_msgs/msg/TransformStamped.
 
         `at` is a builtin_interfaces/msg/Time; without it the latest is meant. None if it is not known.
         """

@@ -38,11 +38,12 @@ class ProcessCoverage:
     excused: Mapping[str, str]
 
     def missing(self) -> list[Element]:
-        """What no test has entered and nothing excuses."""
+        """Return what no test has entered and nothing excuses."""
         return [one for one in self.elements if one.id not in self.tests and one.id not in self.excused]
 
     def counts(self, *, flows: bool) -> tuple[int, int]:
-        """How many of its elements, or of its flows, are covered, and how many there are without excused ones."""
+        """Return how many of its elements, or of its flows, are covered, and how many there are
+        without excused ones."""
         chosen = [one for one in self.elements if isinstance(one, SequenceFlow) == flows]
         counted = [one for one in chosen if one.id in self.tests or one.id not in self.excused]
         return sum(one.id in self.tests for one in counted), len(counted)
@@ -83,7 +84,7 @@ class Coverage:
             self._processes[_resolved(home.file), process.id] = None
 
     def processes(self) -> list[ProcessCoverage]:
-        """The coverage of each process, in the order in which tests met them."""
+        """Return the coverage of each process, in the order in which tests met them."""
         return [self._process(file, id) for file, id in self._processes]
 
     def _process(self, file: str, id: str) -> ProcessCoverage:
@@ -105,13 +106,13 @@ class Coverage:
         return 100.0 * sum(covered for covered, _ in counts) / total if total else 100.0
 
     def doubtful(self) -> dict[str, str]:
-        """The tests that cover something and did not pass, with their outcomes."""
+        """Return the tests that cover something and did not pass, with their outcomes."""
         marked = self.requirements.values()
         tests = {test for found in (*self._tests.values(), *marked) for test in found}
         return {test: outcome for test, outcome in self.not_passed.items() if test in tests}
 
     def digest(self, file: str) -> str:
-        """The SHA-256 of a file as the tests have read it."""
+        """Return the SHA-256 of a file as the tests have read it."""
         return hashlib.sha256(self._files[file].source).hexdigest()
 
     def stale(self) -> list[str]:
@@ -156,7 +157,7 @@ class Coverage:
 
 
 def read_reasons(folders: Iterable[Path]) -> dict[str, dict[str, str]]:
-    """The reasons of the files ``uncovered.yaml`` in some folders. Raises ConfigError."""
+    """Return the reasons of the files ``uncovered.yaml`` in some folders. Raises ConfigError."""
     from fame.config.loader import read_document
 
     found: dict[str, dict[str, str]] = {}
@@ -178,7 +179,7 @@ def _resolved(file: str) -> str:
 
 
 def text_report(coverage: Coverage) -> Iterator[str]:
-    """A table of processes, then what is missing and what is excused."""
+    """Yield a table of processes, then what is missing and what is excused."""
     rows = [("process", "elements", "flows", "covered")]
     for one in coverage.processes():
         (elements, all_elements), (flows, all_flows) = one.counts(flows=False), one.counts(flows=True)
@@ -202,7 +203,8 @@ def text_report(coverage: Coverage) -> Iterator[str]:
 
 
 def json_report(coverage: Coverage) -> dict[str, Any]:
-    """The coverage as data: total, tests that have not passed, and of each process what is covered by which tests."""
+    """Return the coverage as data: total, tests that have not passed, and of each process what is
+    covered by which tests."""
     return {
         "percent": round(coverage.percent(), 2),
         "requirements": {id: list(tests) for id, tests in coverage.requirements.items()},
@@ -250,7 +252,7 @@ def junit_report(coverage: Coverage) -> str:
 
 
 def html_report(coverage: Coverage) -> str:
-    """One page: the table, each diagram coloured by what is covered, and the tests of each element."""
+    """Return one page: the table, each diagram coloured by what is covered, and the tests of each element."""
     from html import escape
 
     body = [

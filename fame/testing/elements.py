@@ -42,7 +42,7 @@ class Elements:
         }
 
     def find(self, robot: str, name: str) -> frozenset[str]:
-        """The ids of the elements with this id, else of those with this label.
+        """Return the ids of the elements with this id, else of those with this label.
 
         Raises ConfigError for an unknown one, with similar ones, and for one whose id a called file has with another
         label: events do not say which of the two it was.
@@ -80,11 +80,11 @@ class Elements:
                     yield from (one.id for one in process.body.elements())
 
     def label(self, robot: str, id: str) -> str:
-        """The label of an element of a robot, on one line; empty if it has none."""
+        """Return the label of an element of a robot, on one line; empty if it has none."""
         return " ".join(self._names.get(robot, {}).get(id, "").split())
 
     def shown(self, robot: str, id: str) -> str:
-        """An element of a robot as messages show it: its label and id."""
+        """Return an element of a robot as messages show it: its label and id."""
         return display_name(id, self._names.get(robot, {}).get(id, ""))
 
     def _similar(self, elements: Iterable[ModelElement], name: str) -> str:
@@ -101,7 +101,7 @@ class Elements:
 
 
 def parts(process: Process) -> Iterator[Element]:
-    """All flow nodes and sequence flows of a process, at any depth."""
+    """Yield all flow nodes and sequence flows of a process, at any depth."""
     for body in process.body.bodies():
         yield from body.nodes
         yield from body.flows

@@ -23,7 +23,7 @@ class Expectation:
         self._mission, self._robot = mission, robot
 
     def passed(self, element: str, *, times: int | None = None) -> Passage:
-        """The element has completed, `times` times if given; a sequence flow has been taken."""
+        """Expect that the element has completed, `times` times if given; a sequence flow has been taken."""
         __tracebackhide__ = True
         ids, shown = self._find(element)
         steps = self._steps(ids, "leave") or self._steps(ids, "take")
@@ -35,7 +35,7 @@ class Expectation:
         return Passage(self, shown, steps)
 
     def entered(self, element: str) -> Passage:
-        """A token has come to the element."""
+        """Expect that a token has come to the element."""
         __tracebackhide__ = True
         ids, shown = self._find(element)
         steps = self._mission.trace.arrivals(self._robot, ids)
@@ -44,7 +44,10 @@ class Expectation:
         return Passage(self, shown, steps)
 
     def never_entered(self, element: str) -> Expectation:
-        """No token has come to the element. Raises ConfigError if nothing has run, and nothing is to happen at once."""
+        """Expect that no token has come to the element.
+
+        Raises ConfigError if nothing has run, and nothing is to happen at once.
+        """
         __tracebackhide__ = True
         if self._mission.untouched:
             raise ConfigError(f"never_entered({element!r}): nothing has run yet: advance the mission before")
@@ -55,7 +58,7 @@ class Expectation:
         return self
 
     def waits_at(self, element: str) -> Expectation:
-        """A token is at the element now."""
+        """Expect that a token is at the element now."""
         __tracebackhide__ = True
         ids, shown = self._find(element)
         if not self._mission.is_at(self._robot, ids):
@@ -65,7 +68,7 @@ class Expectation:
         return self
 
     def completed(self, within: float | None = None) -> Expectation:
-        """The process has completed, and nothing of it runs; with `within` it may run that long from now (s)."""
+        """Expect that the process has completed, and nothing of it runs, `within` that time from now (s)."""
         __tracebackhide__ = True
         mission = self._mission
         if within is not None:
@@ -78,7 +81,7 @@ class Expectation:
         return self
 
     def failed(self, code: str | None = None, *, at: str | None = None, within: float | None = None) -> Expectation:
-        """An instance of the process has failed, with the code of the error and at the element, if given."""
+        """Expect that an instance of the process has failed, with the error code and at the element, if given."""
         __tracebackhide__ = True
         mission, ids = self._mission, self._find(at)[0] if at is not None else None
         if within is not None:
@@ -96,7 +99,7 @@ class Expectation:
         return self
 
     def has(self, **variables: Any) -> Expectation:
-        """Process variables of the last instance have these values; floats to a millionth."""
+        """Expect these values of process variables of the last instance; floats to a millionth."""
         __tracebackhide__ = True
         now = self._mission.variables(self._robot)
         for name, value in variables.items():
@@ -141,17 +144,17 @@ class Passage(Expectation):
         return [step.time / SECOND for step in self.steps]
 
     def before(self, element: str) -> Passage:
-        """The first time was before a token first came to another element, which it has."""
+        """Expect that the first time was before a token first came to another element, which it has."""
         __tracebackhide__ = True
         return self._compare(element, "before", lambda own, other: own.order < other.order)
 
     def after(self, element: str) -> Passage:
-        """The first time was after a token first came to another element, which it has."""
+        """Expect that the first time was after a token first came to another element, which it has."""
         __tracebackhide__ = True
         return self._compare(element, "after", lambda own, other: own.order > other.order)
 
     def within(self, seconds: float) -> Passage:
-        """The first time was at most this long after the start (simulated s)."""
+        """Expect that the first time was at most this long after the start (simulated s)."""
         __tracebackhide__ = True
         if self.steps[0].time > seconds * SECOND:
             text = f"expected {self._shown} within {seconds:g} s, but it was at {_moment(self.steps[0])}"
@@ -179,13 +182,13 @@ class PropertyExpectation:
         self._mission, self.judgement = mission, judgement
 
     def holds(self, *, vacuous: bool = False) -> PropertyExpectation:
-        """It holds; `vacuous`: or there was nothing to judge. If it is violated later, the test fails."""
+        """Expect that it holds; `vacuous`: or there was nothing to judge. If it is violated later, the test fails."""
         __tracebackhide__ = True
         self._mission.expected_properties.discard(self.judgement.name)
         return self._is("hold", ("holds", *["not triggered"] * vacuous))
 
     def is_violated(self) -> PropertyExpectation:
-        """It is violated, which then does not fail the test."""
+        """Expect that it is violated, which then does not fail the test."""
         __tracebackhide__ = True
         return self._is("be violated", ("violated",))
 

@@ -53,7 +53,7 @@ class MethodCall:
 
 
 def calls(steps: Iterable[Step], elements: Elements) -> Iterator[MethodCall]:
-    """The calls for the steps of a run, decisions before the steps that take them."""
+    """Yield the calls for the steps of a run, decisions before the steps that take them."""
     for step in steps:
         for element, ways in _decisions(step).items():
             yield MethodCall(
@@ -111,8 +111,8 @@ def {name}(mission):
 def test_of(
     finding: Finding, elements: Elements, model: Path, folder: Path, robots: Mapping[str, int], refuted: str
 ) -> str:
-    """A test for pytest, in a folder, that drives the run of a finding and expects that the robots complete, or that
-    the property `refuted` holds."""
+    """Return a test for pytest, in a folder, that drives the run of a finding and expects that the robots complete, or
+    that the property `refuted` holds."""
     expected = [f'    m.expect("{robot}").completed(within={WITHIN:g})' for robot in finding.robots]
     shown = [(str(call), call.comment) for call in calls(finding.run, elements)]
     width = max((len(line) for line, _ in shown), default=0)

@@ -27,13 +27,13 @@ class ExpectationError(AssertionError):
 
 
 def failure(mission: MissionUnderTest, text: str) -> ExpectationError:
-    """The error of an expectation that did not hold, with the state of the mission; saves the run."""
+    """Return the error of an expectation that did not hold, with the state of the mission; saves the run."""
     saved = mission.save()
     return ExpectationError("\n".join([text, "", *state_lines(mission), *saved]))
 
 
 def state_lines(mission: MissionUnderTest) -> Iterator[str]:
-    """The state of a mission, for people: time, tokens, last events, reports."""
+    """Yield the state of a mission, for people: time, tokens, last events, reports."""
     yield f"at {mission.now:g} s"
     if not mission.begun:
         yield "nothing has run yet: call advance or run_until"
@@ -78,7 +78,7 @@ def _token_lines(mission: MissionUnderTest, robot: str) -> Iterator[str]:
 
 
 def event_line(mission: MissionUnderTest, step: TraceStep) -> str:
-    """An event on one line."""
+    """Return an event on one line."""
     detail = f" ({step.detail})" if step.what in ("fail", "end") and step.detail else ""
     shown = mission.elements.shown(step.robot, step.element)
     return f"{step.time / SECOND:9.3f} s  {step.robot}  {_SHOWN[step.what]} {shown}{detail}"

@@ -59,7 +59,7 @@ class Fakes:
             fake.begin(self._mission.outside)
 
     def unused(self) -> list[str]:
-        """Those that the mission has not used so far, each as the call that made it."""
+        """Return those that the mission has not used so far, each as the call that made it."""
         return [str(fake) for fake in self._all if not fake.used]
 
     def _made(self, fake: _Fake) -> _Fake:

@@ -30,7 +30,7 @@ class LateFile(Sink):
         self._written: list[int] = []  # number of each channel in the file
 
     def content(self) -> bytes:
-        """What was recorded (MCAP); complete after `finish`."""
+        """Return what was recorded (MCAP); complete after `finish`."""
         self._write()
         return self._buffer.getvalue()
 

@@ -39,7 +39,7 @@ class HeldNetwork(Network):
         self._topics = topics
 
     def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> RobotChannel | None:
-        """The way to the mail, for topics that are held."""
+        """Return the way to the mail, for topics that are held."""
         _, direct, name = topic.partition("/bpmn_message/")
         shared = f"/{name}" if direct else topic
         held = sender and receiver and sender != receiver and shared in self._topics
@@ -119,7 +119,7 @@ class StandInHost(ExplorationHost):
     # ---- decisions ---------------------------------------------------------------------------------------------------
 
     def choose(self, ways: int) -> int:
-        """One of several ways: as the test decided, else each in turn."""
+        """Return one of several ways: as the test decided, else each in turn."""
         decided = self.decided[self.place]
         if decided:
             return min(decided.popleft(), ways - 1)
@@ -129,7 +129,7 @@ class StandInHost(ExplorationHost):
     # ---- steps -------------------------------------------------------------------------------------------------------
 
     def under_way(self, elements: frozenset[str]) -> list[Wait]:
-        """The steps under way at some elements."""
+        """Return the steps under way at some elements."""
         return [wait for wait in stimuli(self.engine).scripts.values() if wait.node.id in elements]
 
     def block(self, wait: Wait) -> None:
@@ -154,7 +154,7 @@ class StandInHost(ExplorationHost):
         self.node.endpoints.direct.send(topic, plain, robot)
 
     def on_the_wire(self, type: str, value: Any, stands_for: Any) -> AnyMessage:
-        """A message without unknown values, that stands for another one."""
+        """Return a message without unknown values, that stands for another one."""
         try:
             plain = messages.create(type, None if value is UNDEFINED or _has_unknown(value) else value)
         except FameError:
@@ -210,7 +210,7 @@ def _has_unknown(value: Any) -> bool:
 def stand_ins(
     nodes: Mapping[str, RobotNode], cast: Mapping[str, Pool], abstract: Abstraction
 ) -> dict[str, StandInHost]:
-    """The hosts of a team whose nodes have no process yet. Raises ModelError, MessageError."""
+    """Return the hosts of a team whose nodes have no process yet. Raises ModelError, MessageError."""
     values, twins, robots = Values(), dict[int, tuple[AnyMessage, Any]](), tuple(cast)
     hosts = {robot: StandInHost(node, abstract, values, cast[robot], robots, twins) for robot, node in nodes.items()}
     for robot, host in hosts.items():

@@ -133,7 +133,7 @@ class MissionUnderTest:
         return self._run.reports if self._run is not None else ()
 
     def node(self, robot: str = "") -> RobotNode:
-        """The node of a robot, with its engine."""
+        """Return the node of a robot, with its engine."""
         name = self.robot(robot)
         return next(node for node in self.run.nodes if node.name == name)
 
@@ -144,16 +144,16 @@ class MissionUnderTest:
         return self._outside
 
     def variables(self, robot: str = "") -> dict[str, Any]:
-        """The variables of a robot's last process instance."""
+        """Return the variables of a robot's last process instance."""
         instances = self.node(robot).instances
         return dict(instances[-1].variables) if instances else {}
 
     def files(self) -> list[Definitions]:
-        """The models of what runs: that of the mission first, then those of called processes."""
+        """Return the models of what runs: that of the mission first, then those of called processes."""
         return self.scenario.closures()
 
     def robot(self, name: str = "") -> str:
-        """The name of a robot; without one the only robot. Raises ConfigError."""
+        """Return the name of a robot; without one the only robot. Raises ConfigError."""
         if not name and len(self.robots) == 1:
             return self.robots[0]
         if name not in self.scenario.cast:
@@ -233,7 +233,7 @@ class MissionUnderTest:
         return True
 
     def is_at(self, robot: str, ids: frozenset[str]) -> bool:
-        """Whether a token of a robot waits at one of these elements, or in one of them."""
+        """Return whether a token of a robot waits at one of these elements, or in one of them."""
         for instance in self.node(robot).engine.instances.values():
             inside = (scope.node.id for scope in scopes_of(instance.root) if scope.node is not None)
             if not ids.isdisjoint((*instance.waiting, *inside)):
@@ -241,7 +241,7 @@ class MissionUnderTest:
         return False
 
     def has_completed(self, robot: str) -> bool:
-        """Whether a robot has completed its process, and runs nothing."""
+        """Return whether a robot has completed its process, and runs nothing."""
         node = self.node(robot)
         return node.completed > 0 and not node.engine.instances
 
@@ -370,11 +370,11 @@ class MissionUnderTest:
     # ---- what is expected ------------------------------------------------------------------------------------------
 
     def expect(self, robot: str = "") -> Expectation:
-        """The expectations of a robot."""
+        """Return the expectations of a robot."""
         return Expectation(self, self.robot(robot))
 
     def expect_property(self, name: str) -> PropertyExpectation:
-        """The expectations of a property of the scenario. Raises ConfigError if it has none of this name."""
+        """Return the expectations of a property of the scenario. Raises ConfigError if it has none of this name."""
         judging = self.run.judging
         known = [each.name for each in self.run.scenario.properties]
         if judging is None or name not in known:
@@ -392,12 +392,13 @@ class MissionUnderTest:
                 raise failure(self, str(judgement))
 
     def undecided(self) -> list[Judgement]:
-        """The judgements that are pending or not known, without those of which the test has said what it expects."""
+        """Return the judgements that are pending or not known, without those of which the test has
+        said what it expects."""
         words = ("pending", "not known")
         return [one for one in self._judgements() if one.verdict in words and one.name not in self.expected_properties]
 
     def unused(self) -> list[str]:
-        """The stubs and fakes that the mission has not used."""
+        """Return the stubs and fakes that the mission has not used."""
         return [*self.library.unused(), *self.fakes.unused()]
 
     def _judgements(self) -> list[Judgement]:
@@ -410,7 +411,8 @@ class MissionUnderTest:
         return self.run.over or self.run.stuck
 
     def published(self, topic: str) -> list[Published]:
-        """What processes have published on a topic, with times, in order. Raises ConfigError for an unknown topic."""
+        """Return what processes have published on a topic, with times, in order. Raises
+        ConfigError for an unknown topic."""
         full = resolve(topic, self.robots[0] if len(self.robots) == 1 else "")
         known = self.run.middleware.topics
         if full not in known:
@@ -423,7 +425,7 @@ class MissionUnderTest:
     # ---- life ------------------------------------------------------------------------------------------------------
 
     def make_run(self, observer: Observer) -> Run:
-        """The run that is driven."""
+        """Return the run that is driven."""
         plan = replace(self.scenario, library=self.library)
         return Run(plan, False, observer, None, services=self.library.services)
 
@@ -516,7 +518,7 @@ class MissionUnderTest:
         yield from save_diagrams(self, self._folder)
 
     def recorded(self) -> bytes:
-        """The recording of the run so far (MCAP). It is not recorded further."""
+        """Return the recording of the run so far (MCAP). It is not recorded further."""
         if self._saved is None:
             self._saved = []
         self._resources.close()

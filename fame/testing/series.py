@@ -12,7 +12,8 @@ from fame.errors import ConfigError
 
 
 def read_series(path: Path) -> list[tuple[float, Any]]:
-    """The rows of a CSV file: time (column ``stamp``, s) and fields by path. Raises ConfigError with file and line."""
+    """Return the rows of a CSV file: time (column ``stamp``, s) and fields by path. Raises
+    ConfigError with file and line."""
     if not path.is_file():
         raise ConfigError("no such file", file=str(path))
     with path.open(newline="", encoding="utf-8") as file:
@@ -44,7 +45,7 @@ def _nested(fields: Mapping[str, str]) -> dict[str, Any]:
 
 
 def read_recorded(path: Path, topic: str, type: str) -> list[tuple[float, Any]]:
-    """The messages of a topic with their times (s).
+    """Return the messages of a topic with their times (s).
 
     Those of a bag of ROS count from the first message of the topic, those of a recording of FAME from the start of its
     run. Raises ConfigError for a file that is neither, lacks the topic, or has it with another type.

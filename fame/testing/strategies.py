@@ -53,7 +53,7 @@ def load(path: str | Path, **options: Any) -> Iterator[MissionUnderTest]:
 
 
 def command(path: str | Path, **options: Any) -> str:
-    """The command that runs a mission with these options; stubs and fakes of the test are not part of it."""
+    """Return the command that runs a mission with these options; stubs and fakes of the test are not part of it."""
     words = ["fame", "run", str(path)]
     if options.get("seed") is not None:
         words += ["--seed", str(options["seed"])]

@@ -38,7 +38,7 @@ class Stub:
     calls: list[StubCall] = field(default_factory=list)
 
     def service(self, robot: str) -> ServiceFunction:
-        """What its service task does for a robot."""
+        """Return what its service task does for a robot."""
 
         async def run(variables: dict[str, Any]) -> None:
             from fame.engine import BpmnError, plain
@@ -90,15 +90,15 @@ class StubLibrary(Library):
         return made
 
     def unused(self) -> list[str]:
-        """The stubs that nothing has called so far, each as the call that made it."""
+        """Return the stubs that nothing has called so far, each as the call that made it."""
         return [f"stub({name!r})" for name, (stub, _) in self._stubs.items() if not stub.calls]
 
     def services(self, robot: str) -> dict[str, ServiceFunction]:
-        """The service of each stub, for one robot."""
+        """Return the service of each stub, for one robot."""
         return {_operation(name): stub.service(robot) for name, (stub, _) in self._stubs.items()}
 
     def find(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
-        """The process that a call activity calls, or its stub. Raises ModelError."""
+        """Return the process that a call activity calls, or its stub. Raises ModelError."""
         if call.called in self._stubs and call.called_expression is None and not call.refused:
             definitions = self._stubs[call.called][1]
             return definitions, definitions.processes[0]

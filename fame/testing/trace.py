@@ -67,7 +67,7 @@ class Trace(Observer):
         self.listeners.clear()
 
     def of(self, robot: str, elements: frozenset[str], what: str) -> list[TraceStep]:
-        """The steps of one kind at some elements of a robot, in order."""
+        """Return the steps of one kind at some elements of a robot, in order."""
         steps = [step for element in elements for step in self._at[robot, element] if step.what == what]
         return sorted(steps, key=lambda step: step.order)
 

@@ -71,7 +71,7 @@ class Block:
         return found | {name: values[lists[name] :] for name, values in self.lists.items()}
 
     def mark(self) -> BlockSize:
-        """The current size, for `to_json`."""
+        """Return the current size, for `to_json`."""
         return BlockSize(self.events, {name: len(values) for name, values in self.lists.items()})
 
 
@@ -114,14 +114,14 @@ class Packer:
         return [[block.number, block.start, block.end, block.events] for block in self.blocks[first:until]]
 
     def robot(self, name: str) -> int:
-        """The number of a robot."""
+        """Return the number of a robot."""
         number = self._robot.setdefault(name, len(self.robots))
         if number == len(self.robots):
             self.robots.append(name)
         return number
 
     def element(self, robot: int, id: str) -> int:
-        """The number of an element of the files that a robot runs; NOWHERE if there is no such element."""
+        """Return the number of an element of the files that a robot runs; NOWHERE if there is no such element."""
         return next(iter(self._candidates(robot, id)), NOWHERE)
 
     def _candidates(self, robot: int, id: str) -> Sequence[int]:

@@ -87,7 +87,7 @@ class Catalogue:
     # ---- looking up --------------------------------------------------------------------------------------------------
 
     def plane_of(self, process: int) -> int:
-        """The plane that shows a process, by its number."""
+        """Return the plane that shows a process, by its number."""
         file, element, _ = self.elements[process]
         for node in element.body.nodes if isinstance(element, Process) else ():
             plane = self._plane_of.get(self._number[file, node.id])
@@ -96,37 +96,37 @@ class Catalogue:
         return NOWHERE
 
     def pool_of(self, process: int) -> int:
-        """The pool that a process belongs to, by its number."""
+        """Return the pool that a process belongs to, by its number."""
         file, element, _ = self.elements[process]
         pools = (pool for pool in self.files[file].participants if pool.process == element.id)
         return next((self._number[file, pool.id] for pool in pools), NOWHERE)
 
     def number(self, file: int, id: str) -> int:
-        """The number of an element of a file, which is added if the file does not have it."""
+        """Return the number of an element of a file, which is added if the file does not have it."""
         found = self._number.get((file, id))
         return found if found is not None else self._add(file, Element(id=id), NOWHERE)
 
     def candidates(self, id: str) -> Sequence[int]:
-        """The elements with an id, in the order of the files."""
+        """Return the elements with an id, in the order of the files."""
         return self._by_id.get(id, ())
 
     def tasks(self, id: str) -> list[Human]:
-        """What the tasks with an id say of people."""
+        """Return what the tasks with an id say of people."""
         elements = (self.elements[number].element for number in self.candidates(id))
         return [element.human for element in elements if isinstance(element, Task)]
 
     def types_json(self) -> dict[str, Any]:
-        """The fields of the message of each topic, for a form."""
+        """Return the fields of the message of each topic, for a form."""
         return topic_fields(entry.element for entry in self.elements if isinstance(entry.element, FlowNode))
 
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def elements_json(self, start: int = 0) -> list[dict[str, Any]]:
-        """The elements from a number on, fit for JSON; empty values are left out."""
+        """Return the elements from a number on, fit for JSON; empty values are left out."""
         return [self._element_json(number) for number in range(start, len(self.elements))]
 
     def planes_json(self) -> list[dict[str, Any]]:
-        """The planes: file, title, the process or sub-process that each shows, and what encloses it."""
+        """Return the planes: file, title, the process or sub-process that each shows, and what encloses it."""
         found = []
         for file, id in self._planes:
             number = self._number.get((file, id), NOWHERE)
@@ -136,7 +136,8 @@ class Catalogue:
         return found
 
     def plane_json(self, plane: int) -> dict[str, Any]:
-        """One drawing: its SVG, and where its shapes and flows are, by number of the element. Raises LookupError."""
+        """Return one drawing: its SVG, and where its shapes and flows are, by number of the
+        element. Raises LookupError."""
         if not 0 <= plane < len(self.drawings):
             raise LookupError(plane)
         file, drawing = self._planes[plane][0], self.drawings[plane]

@@ -294,7 +294,7 @@ _DO: Mapping[str, Callable[[RunControl, Run, _Command], str]] = {
 
 
 def faults_of(run: Run) -> list[tuple[str, str]]:
-    """The faults that can be injected: robot and kind."""
+    """Return the faults that can be injected: robot and kind."""
     bodies = run.world.robots if run.world is not None else {}
     return [
         (node.name, kind)
@@ -304,7 +304,7 @@ def faults_of(run: Run) -> list[tuple[str, str]]:
 
 
 def can_be_steered(run: Run, robot: str) -> bool:
-    """Whether a simulated robot drives or flies by velocity commands."""
+    """Return whether a simulated robot drives or flies by velocity commands."""
     body = run.world.robots.get(robot) if run.world is not None else None
     return body is not None and any(command.topic == "cmd_vel" for command in body.SAFE_STATE)
 

@@ -24,7 +24,8 @@ _UNITS = {
 
 
 def task_fields(node: FlowNode, body: Body | None, file: Definitions) -> list[dict[str, Any]]:
-    """The form of a user or manual task of a file; without one, the data that it writes; empty if nothing is known."""
+    """Return the form of a user or manual task of a file; without one, the data that it writes;
+    empty if nothing is known."""
     if not isinstance(node, Task) or node.kind not in ("user", "manual"):
         return []
     form = form_of(file, node.human)
@@ -47,7 +48,7 @@ def _written(node: Task, data: Sequence[DataObject]) -> Iterator[FormField]:
 
 
 def field_json(field: FormField) -> dict[str, Any]:
-    """A field as the page takes it; what it does not have is left out."""
+    """Return a field as the page takes it; what it does not have is left out."""
     low, high = ("minLength", "maxLength") if field.kind in ("text", "textarea") else ("min", "max")
     found = {
         "key": field.key, "label": field.label, "kind": field.kind, "required": field.required, low: field.least,
@@ -58,7 +59,7 @@ def field_json(field: FormField) -> dict[str, Any]:
 
 
 def topic_fields(nodes: Iterable[FlowNode]) -> dict[str, list[dict[str, Any]]]:
-    """The fields of the message of each topic whose type is known, by qualified name."""
+    """Return the fields of the message of each topic whose type is known, by qualified name."""
     types = {topic.qualified: topic.type for node in nodes for topic, _ in node.topics() if topic.type}
     found = {}
     for name, type in types.items():

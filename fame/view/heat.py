@@ -44,7 +44,7 @@ class ElementHeat:
         self.waiting += other.waiting
 
     def to_json(self) -> dict[str, float | None]:
-        """The numbers of a page: seconds as nearest ranks, None without a completed execution."""
+        """Return the numbers of a page: seconds as nearest ranks, None without a completed execution."""
         return {
             "times": self.times,
             "failures": self.failures,
@@ -55,12 +55,13 @@ class ElementHeat:
 
 
 def nearest_rank(values: Sequence[float], fraction: float) -> float | None:
-    """The percentile by nearest rank: the least value that at least this fraction of the values do not exceed."""
+    """Return the percentile by nearest rank: the least value that at least this fraction of the
+    values do not exceed."""
     return round(sorted(values)[max(0, ceil(fraction * len(values)) - 1)], 3) if values else None
 
 
 def heat_of(blocks: Sequence[Block], catalogue: Catalogue) -> dict[int, ElementHeat]:
-    """What each element of a catalogue did in a run, by its number."""
+    """Return what each element of a catalogue did in a run, by its number."""
     found: defaultdict[int, ElementHeat] = defaultdict(ElementHeat)
     begun: defaultdict[tuple[int, int, int, int], list[int]] = defaultdict(list)
     waiting = _Waiting(found, catalogue)

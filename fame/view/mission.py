@@ -26,7 +26,8 @@ def mission_json(
     notices: Sequence[str] = (),
     **more: Any,
 ) -> dict[str, Any]:
-    """What a page shows besides blocks. `kind`: ``recording``, ``live`` or ``model``; `more` is added as it is."""
+    """Return what a page shows besides blocks. `kind`: ``recording``, ``live`` or ``model``;
+    `more` is added as it is."""
     return {
         "kind": kind,
         "title": title,
@@ -47,7 +48,7 @@ def mission_json(
 
 
 def place_of(packer: Packer, robot: int, process: str) -> dict[str, int]:
-    """The drawing and the pool of the process (id) that a robot runs."""
+    """Return the drawing and the pool of the process (id) that a robot runs."""
     catalogue, number = packer.catalogue, packer.element(robot, process)
     if number == NOWHERE:
         return {"plane": NOWHERE, "pool": NOWHERE}
@@ -55,7 +56,7 @@ def place_of(packer: Packer, robot: int, process: str) -> dict[str, int]:
 
 
 def pool_of(catalogue: Catalogue, robot: str) -> int:
-    """The number of the pool that a robot plays."""
+    """Return the number of the pool that a robot plays."""
     for number, definitions in enumerate(catalogue.files[:1]):
         try:
             pools = pools_of(definitions)

@@ -27,11 +27,11 @@ class Person:
         return f"{self.user} ({self.role})"
 
     def to_json(self) -> dict[str, str]:
-        """What the page knows."""
+        """Return what the page knows."""
         return {"user": self.user, "role": self.role}
 
     def may_complete(self, task: Human) -> bool:
-        """Whether a task is theirs: it names them or their role, or nobody."""
+        """Return whether a task is theirs: it names them or their role, or nobody."""
         return not (task.users or task.groups) or self.user in task.users or self.role in task.groups
 
     def check(self, command: Mapping[str, Any], tasks: Iterable[Human]) -> None:

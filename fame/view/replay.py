@@ -247,7 +247,8 @@ class Replay(Closing):
         return self._packer.blocks[number].to_json()
 
     def at(self, time: int) -> Mapping[str, Any]:
-        """A block around an instant that has not been read yet, made of the last key before it. Raises LookupError.
+        """Return a block around an instant that has not been read yet, made of the last key before
+        it. Raises LookupError.
 
         When something began is known no earlier than from that key.
         """

@@ -75,19 +75,19 @@ class PageSource(Protocol):
         """Everything that the page needs first: robots, elements, planes, world, blocks."""
 
     def plane(self, number: int) -> Mapping[str, Any]:
-        """A drawing. Raises LookupError."""
+        """Return a drawing. Raises LookupError."""
 
     def block(self, number: int) -> Mapping[str, Any]:
-        """A block. Raises LookupError."""
+        """Return a block. Raises LookupError."""
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
-        """What is new for a page that has `known` (at first None), and what it has afterwards."""
+        """Return what is new for a page that has `known` (at first None), and what it has afterwards."""
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         """Carry out a command of the page; ``who`` names the person, if the page is one's own. Raises FameError."""
 
     def tasks(self, element: str) -> Iterable[Human]:
-        """What the tasks with an id say of people, in all models."""
+        """Return what the tasks with an id say of people, in all models."""
 
 
 class Server(Closing):
@@ -159,7 +159,7 @@ class Server(Closing):
         self._thread.join()
 
     def app(self) -> ASGIApp:
-        """The application, behind its guard."""
+        """Return the application, behind its guard."""
         tokens = {self.token: None, **{person.token: person for person in self.people}}
         refusals, scheme = _RefusalLog(self.source), "https" if self._tls else "http"
         return _Guard(_routes(self.source, refusals), tokens, self.host, self.port, scheme, refusals)

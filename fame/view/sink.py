@@ -50,17 +50,17 @@ class PageSink(Sink):
             self._packer.message(time, *self._publishers[channel], messages.to_mapping(message))
 
     def plane(self, number: int) -> Mapping[str, Any]:
-        """One drawing. Raises LookupError."""
+        """Return one drawing. Raises LookupError."""
         with self._lock:
             return self.catalogue.plane_json(number)
 
     def tasks(self, element: str) -> list[Human]:
-        """What the tasks with an id say of people."""
+        """Return what the tasks with an id say of people."""
         with self._lock:
             return self.catalogue.tasks(element)
 
     def block(self, number: int) -> Mapping[str, Any]:
-        """One block. Raises LookupError."""
+        """Return one block. Raises LookupError."""
         with self._lock:
             if not 0 <= number < len(self._packer.blocks):
                 raise LookupError(number)
@@ -69,7 +69,7 @@ class PageSink(Sink):
     def growth(
         self, known: Known | None, status: Mapping[str, Any], mission: Hashable
     ) -> tuple[Known, list[Mapping[str, Any]]]:
-        """What is new for a page that has `known`, and what it has afterwards."""
+        """Return what is new for a page that has `known`, and what it has afterwards."""
         blocks, elements = self._packer.blocks, len(self.catalogue.elements)
         text = json.dumps(status)
         now = Known(len(blocks) - 1, blocks[-1].mark() if blocks else None, elements, text, mission)

@@ -151,7 +151,7 @@ class RunState:
         self.scopes = {place: info for place, info in self.scopes.items() if place in needed or place in roots}
 
     def to_json(self) -> dict[str, Any]:
-        """The state, fit for JSON."""
+        """Return the state, fit for JSON."""
         return {
             "tokens": [[*key, *held] for key, held in self.tokens.items()],
             "counts": [[*key, *counts] for key, counts in self.counts.items() if any(counts)],
@@ -165,5 +165,5 @@ class RunState:
 
 
 def scope_row(place: tuple[int, int], info: ScopeInfo) -> list[int]:
-    """A scope as the page gets it: robot, number, instance, scope around it, element that opened it, depth."""
+    """Return a scope as the page gets it: robot, number, instance, scope around it, element that opened it, depth."""
     return [*place, info.instance, info.parent, info.opener, info.depth]

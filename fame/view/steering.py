@@ -12,5 +12,5 @@ MANUAL, TWIST = "cmd_vel_manual", "geometry_msgs/msg/Twist"
 
 
 def twist_of(command: Mapping[str, Any]) -> Any:
-    """The message of a page's command to steer: `speed` (m/s), `turn` (rad/s)."""
+    """Return the message of a page's command to steer: `speed` (m/s), `turn` (rad/s)."""
     return messages.create(TWIST, {"linear": {"x": float(command["speed"])}, "angular": {"z": float(command["turn"])}})

@@ -26,7 +26,7 @@ Stamp = tuple[int, int]
 
 
 def stamps_of(paths: Iterable[Path]) -> dict[Path, Stamp]:
-    """The state of files on disk; one that is being replaced is not there for a moment."""
+    """Return the state of files on disk; one that is being replaced is not there for a moment."""
     found = {}
     for path in paths:
         with suppress(OSError):

@@ -75,7 +75,7 @@ class Bench:
         return self.jaws == "holding"
 
     def touches(self, x: float, y: float, z: float) -> bool:
-        """Whether there may be a force at a place: a cheap, conservative test."""
+        """Return whether there may be a force at a place: a cheap, conservative test."""
         if self.jaws == "open" or (self.jaws == "shut" and self.lid != "motor"):
             return False
         return z < max(MOTOR[2], TABLE[2]) + DEPTH + 0.01 or self.held_down

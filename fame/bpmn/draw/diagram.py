@@ -62,7 +62,7 @@ def draw(
     words: Mapping[ElementOutcome, str] = MappingProxyType({}),
     notes: Sequence[str] = (),
 ) -> str:
-    """The diagrams of a file as one SVG document.
+    """Return the diagrams of a file as one SVG document.
 
     `visited` shows a run: ids of elements and flows, once for each completion; id -> number of completions; or id ->
     number of executions with each outcome (`fame.log.outcomes`). Each outcome is shown by a colour, a symbol and a
@@ -111,7 +111,8 @@ class Drawing:
 
 
 def draw_planes(definitions: Definitions) -> list[Drawing]:
-    """Each diagram of a file as a drawing of its own, without a run. Raises ModelError if the file has no diagram."""
+    """Return each diagram of a file as a drawing of its own, without a run. Raises ModelError if
+    the file has no diagram."""
     picture = _picture(definitions, {})
     found = []
     for shown, shapes, edges in _content(definitions, picture):
@@ -240,7 +241,7 @@ def _covered(picture: Picture, box: Bounds) -> float:
 
 
 def draw_edge(picture: Picture, edge: Edge) -> str:
-    """A flow or association without its name, in a group with the id of the element."""
+    """Return a flow or association without its name, in a group with the id of the element."""
     ink = picture.ink(edge)
     style = {"fill": "none", "stroke": ink[0], "stroke_linecap": "round", "stroke_linejoin": "round"}
     if edge.kind == "sequenceFlow":
@@ -290,7 +291,7 @@ def _message_flow(edge: Edge, ink: Ink, style: Mapping[str, str]) -> str:
 
 
 def draw_edge_label(picture: Picture, edge: Edge) -> str:
-    """The name of an edge, and how often it was taken, if more than once."""
+    """Return the name of an edge, and how often it was taken, if more than once."""
     visits = picture.visits.get(edge.element, {}).get("completed", 0)
     if visits < 2:
         return picture.label(edge.element)

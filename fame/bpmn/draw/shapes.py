@@ -26,13 +26,13 @@ from fame.bpmn.model import (
 
 
 def draw_shape(picture: Picture, shape: Shape) -> str:
-    """A shape with its name, in a group with the id of the element."""
+    """Return a shape with its name, in a group with the id of the element."""
     draws = _SHAPES.get(shape.kind, _activity)
     return tag("g", draws(picture, shape, picture.elements[shape.element]), id=shape.element)
 
 
 def placeholder(shape: Shape) -> Element:
-    """An element with kind and name of a shape, for elements that the model does not have."""
+    """Return an element with kind and name of a shape, for elements that the model does not have."""
     if shape.kind in PLACES:
         return Event(id=shape.element, name=shape.name, place=PLACES[shape.kind])
     if shape.kind in GATEWAYS:
@@ -247,7 +247,7 @@ def _group(picture: Picture, shape: Shape, element: Element) -> str:
 
 
 def name_beside(shape: Shape, element: Element) -> str:
-    """The name of an element that is drawn beside its shape; empty if it is drawn inside."""
+    """Return the name of an element that is drawn beside its shape; empty if it is drawn inside."""
     draws = _SHAPES.get(shape.kind, _activity)
     if draws is _data:
         return _name_with_state(element)

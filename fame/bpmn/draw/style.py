@@ -37,7 +37,7 @@ def _message(ink: Ink, filled: bool) -> str:
 
 
 def envelope(ink: Ink, filled: bool, x: float, y: float, width: float, height: float) -> str:
-    """A closed envelope; the flap is white if it is filled."""
+    """Return a closed envelope; the flap is white if it is filled."""
     box = tag("rect", x=x, y=y, width=width, height=height, fill=ink[0] if filled else ink[1], stroke=ink[0])
     half, fall = number(width / 2), height * 0.55
     flap = f"M{number(x)} {number(y)}l{half} {number(fall)}l{half} {number(-fall)}"
@@ -70,7 +70,7 @@ def _multiple(ink: Ink, filled: bool) -> str:
 
 
 def pentagon(ink: Ink, filled: bool, radius: float = 9.5) -> str:
-    """A pentagon around the middle of an event."""
+    """Return a pentagon around the middle of an event."""
     angles = [2 * math.pi * corner / 5 for corner in range(5)]
     points = [f"{number(18 + radius * math.sin(angle))} {number(18 - radius * math.cos(angle))}" for angle in angles]
     return _solid(f"M{'L'.join(points)}Z", ink, filled)
@@ -95,7 +95,7 @@ _DRAWN: Mapping[str, Callable[[Ink, bool], str]] = {
 
 
 def trigger(kind: str, ink: Ink, filled: bool) -> str:
-    """The pictogram of an event definition, empty for a none event."""
+    """Return the pictogram of an event definition, empty for a none event."""
     if kind in _OUTLINES:
         return _solid(_OUTLINES[kind], ink, filled)
     return _DRAWN[kind](ink, filled) if kind in _DRAWN else ""
@@ -105,7 +105,7 @@ def trigger(kind: str, ink: Ink, filled: bool) -> str:
 
 
 def gateway(kind: str, ink: Ink, marked: bool) -> str:
-    """The sign inside the diamond. An exclusive gateway has one only if `marked`."""
+    """Return the sign inside the diamond. An exclusive gateway has one only if `marked`."""
     thick = "M-9 0H9M0 -9V9"
     crossed = "M-6.5 -6.5L6.5 6.5M-6.5 6.5L6.5 -6.5"
     if kind == "parallel":
@@ -175,7 +175,7 @@ _TASKS: Mapping[str, Callable[[Ink], str]] = {
 
 
 def task(kind: str, ink: Ink) -> str:
-    """The pictogram of a task type, empty for a plain task."""
+    """Return the pictogram of a task type, empty for a plain task."""
     return _TASKS[kind](ink) if kind in _TASKS else ""
 
 
@@ -192,7 +192,7 @@ _MARKERS: Mapping[str, tuple[str, float]] = {
 
 
 def marker(kind: str, ink: Ink) -> str:
-    """A marker at the bottom of an activity or pool."""
+    """Return a marker at the bottom of an activity or pool."""
     data, width = _MARKERS[kind]
     return _line(data, ink, width)
 
@@ -225,12 +225,12 @@ _PILL, _SYMBOL = 16.0, 9.0
 
 
 def style_of(tally: Tally) -> Style | None:
-    """The style of a visited element, None for one that was not visited."""
+    """Return the style of a visited element, None for one that was not visited."""
     return next((STYLES[outcome] for outcome in OUTCOMES if tally.get(outcome)), None)
 
 
 def badge(content: str, x: float, y: float, outcome: ElementOutcome = "completed", *, symbol: bool = False) -> str:
-    """A number on a pill around a point, after the symbol of its outcome if `symbol`."""
+    """Return a number on a pill around a point, after the symbol of its outcome if `symbol`."""
     left = _SYMBOL if symbol else 0.0
     width = _width(content, symbol=symbol)
     pill = tag(
@@ -241,7 +241,7 @@ def badge(content: str, x: float, y: float, outcome: ElementOutcome = "completed
 
 
 def badges(tally: Tally, right: float, y: float) -> str:
-    """A badge for each outcome that occurred, side by side, ending at `right`."""
+    """Return a badge for each outcome that occurred, side by side, ending at `right`."""
     drawn = ""
     for outcome in reversed(OUTCOMES):
         if count := tally.get(outcome, 0):
@@ -252,12 +252,12 @@ def badges(tally: Tally, right: float, y: float) -> str:
 
 
 def badges_width(tally: Tally) -> float:
-    """How wide the badges of these outcomes are, side by side (px)."""
+    """Return how wide the badges of these outcomes are, side by side (px)."""
     return sum(_width(str(count), symbol=True) + 1 for count in tally.values() if count)
 
 
 def legend(present: Mapping[ElementOutcome, str], x: float, y: float) -> str:
-    """The symbols of the given outcomes with their names, starting at (x, y)."""
+    """Return the symbols of the given outcomes with their names, starting at (x, y)."""
     drawn = ""
     for outcome, name in present.items():
         drawn += translated(x + 8, y, tag("circle", r=8, fill=STYLES[outcome].stroke) + _sign(outcome, _LIGHT))
@@ -291,14 +291,14 @@ class Picture:
     labels: Mapping[str, Label] = field(default_factory=dict)
 
     def ink(self, shape: Shape | Edge) -> Ink:
-        """The colours of a shape or edge: those of its outcome if it was visited, else its own."""
+        """Return the colours of a shape or edge: those of its outcome if it was visited, else its own."""
         style = style_of(self.visits.get(shape.element, {}))
         if style is not None:
             return style.stroke, style.paper
         return shape.stroke or INK, (shape.fill if isinstance(shape, Shape) else "") or BACKGROUND
 
     def label(self, id: str, colour: str = INK) -> str:
-        """The name beside a shape or flow, or empty."""
+        """Return the name beside a shape or flow, or empty."""
         label = self.labels.get(id)
         if label is None:
             return ""
@@ -307,7 +307,7 @@ class Picture:
 
 
 def is_visited(ink: Ink) -> bool:
-    """Whether these are the colours of a visited element."""
+    """Return whether these are the colours of a visited element."""
     return ink[0] in _VISITED
 
 

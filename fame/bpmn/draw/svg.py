@@ -28,7 +28,8 @@ _NARROW, _WIDE = frozenset("iIjl.,:;'|!()[]{}ftr /-\"`"), frozenset("mwMW@%")
 
 
 def tag(name: str, *content: str, **attributes: object) -> str:
-    """An SVG element with content. ``_`` in attribute names becomes ``-``; None and empty values are left out."""
+    """Return an SVG element with content. ``_`` in attribute names becomes ``-``; None and empty
+    values are left out."""
     written = "".join(
         f" {key.rstrip('_').replace('_', '-')}={quoteattr(_text(value))}"
         for key, value in attributes.items()
@@ -42,7 +43,7 @@ def _text(value: object) -> str:
 
 
 def number(value: float) -> str:
-    """A number, rounded to a hundredth, in its shortest form."""
+    """Return a number, rounded to a hundredth, in its shortest form."""
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
@@ -72,13 +73,13 @@ def polyline(points: Sequence[Point], radius: float = 5) -> str:
 
 
 def point_towards(start: Point, end: Point, distance: float) -> Point:
-    """The point at `distance` from `start` towards `end`."""
+    """Return the point at `distance` from `start` towards `end`."""
     length = math.dist(start, end) or 1
     return start[0] + (end[0] - start[0]) * distance / length, start[1] + (end[1] - start[1]) * distance / length
 
 
 def arrow(points: Sequence[Point], length: float = 10, width: float = 8) -> list[Point]:
-    """The corners of the arrow head at the end of a line: side, tip, side."""
+    """Return the corners of the arrow head at the end of a line: side, tip, side."""
     tip = points[-1]
     tail = next((point for point in reversed(points[:-1]) if math.dist(point, tip) > 0.1), points[0])
     base = point_towards(tip, tail, length)
@@ -87,17 +88,17 @@ def arrow(points: Sequence[Point], length: float = 10, width: float = 8) -> list
 
 
 def corners(points: Iterable[Point]) -> str:
-    """The value of the attribute ``points`` of a polygon."""
+    """Return the value of the attribute ``points`` of a polygon."""
     return " ".join(f"{number(x)},{number(y)}" for x, y in points)
 
 
 def middle(points: Sequence[Point]) -> Point:
-    """The point half way along a line."""
+    """Return the point half way along a line."""
     return along(points, 0.5)
 
 
 def along(points: Sequence[Point], part: float) -> Point:
-    """The point at a part (0 to 1) of the length of a line."""
+    """Return the point at a part (0 to 1) of the length of a line."""
     left = sum(math.dist(start, end) for start, end in pairwise(points)) * part
     for start, end in pairwise(points):
         length = math.dist(start, end)
@@ -111,7 +112,7 @@ def along(points: Sequence[Point], part: float) -> Point:
 
 
 def text_width(content: str, size: float) -> float:
-    """The approximate width of a text in Arial (px)."""
+    """Return the approximate width of a text in Arial (px)."""
     return size * sum(
         0.31 if letter in _NARROW else 0.85 if letter in _WIDE else 0.68 if letter.isupper() else 0.55
         for letter in content
@@ -231,7 +232,7 @@ class Obstacles:
     lines: list[tuple[Point, Point]] = field(default_factory=list)
 
     def count(self, box: Bounds) -> int:
-        """The number of boxes and lines that a box would cover."""
+        """Return the number of boxes and lines that a box would cover."""
         boxes = sum(overlap(box, other) for other in self.boxes)
         return boxes + sum(crosses(box, *line) for line in self.lines)
 
@@ -265,7 +266,7 @@ def overlap(a: Bounds, b: Bounds) -> bool:
 
 
 def crosses(box: Bounds, start: Point, end: Point) -> bool:
-    """Whether a line from `start` to `end` goes through a box (Liang and Barsky 1984)."""
+    """Return whether a line from `start` to `end` goes through a box (Liang and Barsky 1984)."""
     first, last = 0.0, 1.0
     sides = ((start[0], end[0], box.x, box.x + box.width), (start[1], end[1], box.y, box.y + box.height))
     for begin, stop, low, high in sides:

@@ -186,11 +186,11 @@ class Definitions:
         return Path(self.file) if self.file and not self.file.startswith("<") and not self.sent else None
 
     def process(self, id: str) -> Process | None:
-        """The process with this id, None if the file does not have it."""
+        """Return the process with this id, None if the file does not have it."""
         return next((process for process in self.processes if process.id == id), None)
 
     def elements(self) -> Iterator[Element]:
-        """All processes with their flow nodes, sequence flows and data objects, then pools, flows, artifacts."""
+        """Yield all processes with their flow nodes, sequence flows and data objects, then pools, flows, artifacts."""
         for process in self.processes:
             yield process
             yield from process.body.elements()
@@ -199,7 +199,7 @@ class Definitions:
         yield from self.artifacts
 
     def display_name(self, id: str) -> str:
-        """The element with this id as messages show it; the id itself if the file does not have the element."""
+        """Return the element with this id as messages show it; the id itself if the file does not have the element."""
         return next((element.display_name for element in self.elements() if element.id == id), id)
 
     def __repr__(self) -> str:

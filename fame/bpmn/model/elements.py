@@ -45,7 +45,7 @@ Text = tuple[Expression, Use]
 
 
 def texts(use: Use, *expressions: Expression | None) -> Iterator[Text]:
-    """Those of the expressions that are there, with their use."""
+    """Return those of the expressions that are there, with their use."""
     return ((one, use) for one in expressions if one is not None)
 
 
@@ -77,7 +77,7 @@ class Element:
         return name[0].lower() + name[1:]
 
     def texts(self) -> Iterator[Text]:
-        """Every script and expression with its use, but those that read a caught message as ``msg``."""
+        """Yield every script and expression with its use, but those that read a caught message as ``msg``."""
         yield from ()
 
 
@@ -103,7 +103,7 @@ class DataObject(Element):
         return tuple(name for name, _ in self.values)
 
     def texts(self) -> Iterator[Text]:
-        """The values of its variables."""
+        """Return the values of its variables."""
         return texts("value", *(value for _, value in self.values))
 
 
@@ -128,11 +128,11 @@ class IoMapping:
     all_out: bool = False
 
     def texts(self) -> Iterator[Text]:
-        """The sources of its assignments."""
+        """Return the sources of its assignments."""
         return texts("mapping", *(item.source for item in (*self.inputs, *self.outputs)))
 
     def sets(self) -> Iterator[str]:
-        """The targets of its assignments."""
+        """Return the targets of its assignments."""
         return (item.target for item in (*self.inputs, *self.outputs))
 
 
@@ -189,11 +189,11 @@ class EventDefinition:
         return type(self).__name__.removesuffix("Definition").lower()
 
     def texts(self) -> Iterator[Text]:
-        """Its expressions, but the payload and the receiver of its topic."""
+        """Yield its expressions, but the payload and the receiver of its topic."""
         yield from ()
 
     def sets(self) -> Iterator[str]:
-        """The variables that it sets by name when it occurs."""
+        """Yield the variables that it sets by name when it occurs."""
         yield from ()
 
 
@@ -220,7 +220,7 @@ class TimerDefinition(EventDefinition):
     expression: Expression | None
 
     def texts(self) -> Iterator[Text]:
-        """Its time."""
+        """Return its time."""
         return texts("timer", self.expression)
 
 
@@ -231,7 +231,7 @@ class ConditionalDefinition(EventDefinition):
     condition: Expression | None
 
     def texts(self) -> Iterator[Text]:
-        """Its condition."""
+        """Return its condition."""
         return texts("condition", self.condition)
 
 
@@ -250,11 +250,11 @@ class ErrorDefinition(EventDefinition):
     message_variable: str | None = None
 
     def texts(self) -> Iterator[Text]:
-        """Its computed code, and its text for people."""
+        """Return its computed code, and its text for people."""
         return texts("mapping", self.computed, self.message)
 
     def sets(self) -> Iterator[str]:
-        """The variables for code and text."""
+        """Yield the variables for code and text."""
         yield from filter(None, (self.code_variable, self.message_variable))
 
 
@@ -267,11 +267,11 @@ class EscalationDefinition(EventDefinition):
     code_variable: str | None = None
 
     def texts(self) -> Iterator[Text]:
-        """Its computed code."""
+        """Return its computed code."""
         return texts("mapping", self.computed)
 
     def sets(self) -> Iterator[str]:
-        """The variable for the code."""
+        """Yield the variable for the code."""
         yield from filter(None, (self.code_variable,))
 
 

@@ -33,7 +33,7 @@ class SequenceFlow(Element):
     condition: Expression | None = None
 
     def texts(self) -> Iterator[Text]:
-        """Its condition."""
+        """Return its condition."""
         return texts("condition", self.condition)
 
 
@@ -127,15 +127,15 @@ class FlowNode(Element):
         yield from ()
 
     def keys_of(self, topic: Topic) -> tuple[tuple[str, Expression], ...]:
-        """The correlation keys of a message that it catches: variable -> expression over ``msg``."""
+        """Return the correlation keys of a message that it catches: variable -> expression over ``msg``."""
         return ()
 
     def defined(self, kind: type[_Kind]) -> list[_Kind]:
-        """Its event definitions of one kind."""
+        """Return its event definitions of one kind."""
         return [one for one in self.definitions if isinstance(one, kind)]
 
     def texts(self) -> Iterator[Text]:
-        """Every script and expression with its use, but those that read a caught message as ``msg``."""
+        """Yield every script and expression with its use, but those that read a caught message as ``msg``."""
         for part in (self.io, self.loop):
             yield from part.texts() if part is not None else ()
         yield from texts("mapping", *(item.source for item in (*self.copies_in, *self.copies_out)))
@@ -144,7 +144,7 @@ class FlowNode(Element):
             yield from texts("value", topic.to)
 
     def sets(self) -> Iterator[str]:
-        """The variables that it sets by name, but those of caught messages and scripts."""
+        """Yield the variables that it sets by name, but those of caught messages and scripts."""
         yield from (item.target for item in (*self.copies_in, *self.copies_out))
         for part in (self.io, self.loop):
             yield from part.sets() if part is not None else ()
@@ -193,17 +193,17 @@ class Event(FlowNode):
         return ((one.topic, self.throws) for one in self.definitions if isinstance(one, _OnTopic))
 
     def keys_of(self, topic: Topic) -> tuple[tuple[str, Expression], ...]:
-        """The correlation keys of a message that it catches: variable -> expression over ``msg``."""
+        """Return the correlation keys of a message that it catches: variable -> expression over ``msg``."""
         return next((one.keys for one in self.defined(MessageDefinition) if one.topic is topic), ())
 
     def texts(self) -> Iterator[Text]:
-        """Those of its definitions, and of all flow nodes."""
+        """Yield those of its definitions, and of all flow nodes."""
         for definition in self.definitions:
             yield from definition.texts()
         yield from FlowNode.texts(self)
 
     def sets(self) -> Iterator[str]:
-        """The variables of its definitions, and those of all flow nodes."""
+        """Yield the variables of its definitions, and those of all flow nodes."""
         for definition in self.definitions:
             yield from definition.sets()
         yield from FlowNode.sets(self)
@@ -239,7 +239,7 @@ class Gateway(FlowNode):
         return _TAGS[f"{self.kind} gateway"]
 
     def texts(self) -> Iterator[Text]:
-        """Its activation condition."""
+        """Yield its activation condition."""
         yield from texts("condition", self.activation)
         yield from FlowNode.texts(self)
 
@@ -258,12 +258,12 @@ class MultiInstance:
     line: int = 0
 
     def texts(self) -> Iterator[Text]:
-        """Its expressions."""
+        """Yield its expressions."""
         yield from texts("mapping", self.cardinality, self.collection, self.output_element)
         yield from texts("condition", self.completion)
 
     def sets(self) -> Iterator[str]:
-        """The variables for the item and the results."""
+        """Yield the variables for the item and the results."""
         yield from filter(None, (self.element_variable, self.output_collection))
 
 
@@ -277,7 +277,7 @@ class StandardLoop:
     line: int = 0
 
     def texts(self) -> Iterator[Text]:
-        """Its condition."""
+        """Return its condition."""
         return texts("condition", self.condition)
 
     def sets(self) -> Iterator[str]:
@@ -349,18 +349,18 @@ class Task(Activity):
         return None if self.kind in ("send", "receive") else self.topic
 
     def keys_of(self, topic: Topic) -> tuple[tuple[str, Expression], ...]:
-        """The correlation keys of a receive task: variable -> expression over ``msg``."""
+        """Return the correlation keys of a receive task: variable -> expression over ``msg``."""
         return self.keys
 
     def texts(self) -> Iterator[Text]:
-        """Its script, the request of a ROS service, and those of all flow nodes."""
+        """Yield its script, the request of a ROS service, and those of all flow nodes."""
         script = self.script is not None and self.script.language in ("python", "javascript")
         yield from texts("script" if script else "mapping", self.script)
         yield from texts("payload", self.service.payload if self.service is not None else None)
         yield from FlowNode.texts(self)
 
     def sets(self) -> Iterator[str]:
-        """The variable for its result, and those of all flow nodes."""
+        """Yield the variable for its result, and those of all flow nodes."""
         yield from filter(None, (self.result_variable,))
         yield from FlowNode.sets(self)
 
@@ -373,12 +373,12 @@ class CallActivity(Activity):
     called_expression: Expression | None = None
 
     def texts(self) -> Iterator[Text]:
-        """Those of all flow nodes, but its outputs: they see the variables of what it called."""
+        """Yield those of all flow nodes, but its outputs: they see the variables of what it called."""
         yield from texts("mapping", self.called_expression)
         yield from FlowNode.texts(self if self.io is None else replace(self, io=replace(self.io, outputs=())))
 
     def sets(self) -> Iterator[str]:
-        """Those of all flow nodes, but its inputs: they are variables of what it calls."""
+        """Return those of all flow nodes, but its inputs: they are variables of what it calls."""
         return FlowNode.sets(self if self.io is None else replace(self, io=replace(self.io, inputs=())))
 
 
@@ -400,27 +400,27 @@ class Body:
                 yield from node.body.bodies()
 
     def walk(self) -> Iterator[FlowNode]:
-        """All flow nodes, at any depth, in document order; a sub-process comes before its content."""
+        """Yield all flow nodes, at any depth, in document order; a sub-process comes before its content."""
         for node in self.nodes:
             yield node
             if node.body is not None:
                 yield from node.body.walk()
 
     def elements(self) -> Iterator[Element]:
-        """All flow nodes, sequence flows and data objects, at any depth."""
+        """Yield all flow nodes, sequence flows and data objects, at any depth."""
         for body in self.bodies():
             yield from (*body.nodes, *body.flows, *body.data_objects)
 
     def calls(self) -> Iterator[CallActivity]:
-        """All call activities, at any depth."""
+        """Return all call activities, at any depth."""
         return (node for node in self.walk() if isinstance(node, CallActivity))
 
     def events(self, place: EventPosition) -> list[Event]:
-        """The events at one place, of this body alone."""
+        """Return the events at one place, of this body alone."""
         return [node for node in self.nodes if isinstance(node, Event) and node.place == place]
 
     def boundary(self, activity: str) -> list[Event]:
-        """The boundary events of an activity."""
+        """Return the boundary events of an activity."""
         return [event for event in self.events("boundary") if event.attached_to == activity]
 
 
@@ -451,7 +451,7 @@ class SubProcess(Activity):
         return self.kind == "event"
 
     def texts(self) -> Iterator[Text]:
-        """Those of an ad-hoc sub-process, and those of all flow nodes."""
+        """Yield those of an ad-hoc sub-process, and those of all flow nodes."""
         yield from texts("condition", self.completion)
         yield from texts("mapping", self.active)
         yield from FlowNode.texts(self)

@@ -43,7 +43,7 @@ class Context:
     elements: dict[str, Node] = field(default_factory=dict)
 
     def error(self, element: Node, text: str) -> ModelError:
-        """The ModelError of an element, to be raised."""
+        """Return the ModelError of an element, to be raised."""
         id, name = id_and_name(element)
         return ModelError(text, file=self.file, line=line_of(element), element=id, name=name)
 
@@ -65,7 +65,7 @@ class Context:
         self.notes.append(Note(level, text, id, line_of(element), quirk, name))
 
     def name_of_label(self, element: Node, label: str) -> str:
-        """The name of the topic of a label or id, alike on every middleware."""
+        """Return the name of the topic of a label or id, alike on every middleware."""
         name = ros_name(label)
         if name.strip("~/") in ("", label.strip("~/")):
             return label
@@ -104,14 +104,14 @@ class Context:
             self.associations.setdefault(id, []).append(association)
 
     def find_in_file(self, element: Node, reference: str | None) -> Node | None:
-        """The element of the whole file that a reference names, also if it has not been read."""
+        """Return the element of the whole file that a reference names, also if it has not been read."""
         if self._ids is None:
             found = list(element.getroottree().getroot().iter("*"))
             self._ids = {id: one for one in reversed(found) if (id := one.get("id"))}
         return resolve(self._ids, reference)
 
     def root(self, reference: str | None) -> Node | None:
-        """The root element that a reference names, or None."""
+        """Return the root element that a reference names, or None."""
         return resolve(self.roots, reference)
 
 
@@ -127,7 +127,7 @@ def id_and_name(element: Node) -> tuple[str, str]:
 
 
 def boolean_attribute(context: Context, element: Node, name: str, default: bool = False) -> bool:
-    """An attribute of type xsd:boolean. Another value is a fault."""
+    """Return an attribute of type xsd:boolean. Another value is a fault."""
     text = element.get(name)
     if text is None:
         return default
@@ -137,14 +137,14 @@ def boolean_attribute(context: Context, element: Node, name: str, default: bool 
 
 
 def boolean_property(context: Context, element: Node, name: str, text: str) -> bool:
-    """An extension property that is true or false. Another value is a fault."""
+    """Return an extension property that is true or false. Another value is a fault."""
     if text.strip().lower() not in _BOOLEANS:
         context.fault(element, f"property {name}={text!r}: expected true or false")
     return _BOOLEANS.get(text.strip().lower(), False)
 
 
 def whole_number(context: Context, element: Node, name: str, text: str, least: int) -> int:
-    """A property or attribute that is a whole number. A number below `least` is a fault."""
+    """Return a property or attribute that is a whole number. A number below `least` is a fault."""
     try:
         number = int(text)
     except ValueError:
@@ -155,7 +155,7 @@ def whole_number(context: Context, element: Node, name: str, text: str, least: i
 
 
 def message_type(context: Context, element: Node, text: str, kind: str = "msg") -> str | None:
-    """A message, service or action type as ``pkg/msg/Type``; ``pkg/Type`` is completed with `kind`.
+    """Return a message, service or action type as ``pkg/msg/Type``; ``pkg/Type`` is completed with `kind`.
 
     None for another text, which is a fault.
     """
@@ -167,6 +167,6 @@ def message_type(context: Context, element: Node, text: str, kind: str = "msg") 
 
 
 def is_message_type(text: str) -> bool:
-    """Whether a text has the form of a full type, ``pkg/msg/Type``."""
+    """Return whether a text has the form of a full type, ``pkg/msg/Type``."""
     match = _TYPE.fullmatch(text.strip())
     return match is not None and match[2] is not None

@@ -47,7 +47,7 @@ def shared_stores(context: Context, process: Node) -> Iterator[Node]:
 
 
 def data_elements(process: Node, stores: Sequence[Node]) -> list[Node]:
-    """All data elements of a process, and the shared stores outside of it."""
+    """Return all data elements of a process, and the shared stores outside of it."""
     return [*process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)), *stores]
 
 
@@ -171,7 +171,7 @@ def read_data_associations(
 
 
 def required_outputs(parts: Parts) -> tuple[str, ...]:
-    """The names of the data outputs that are required in every output set of an activity."""
+    """Return the names of the data outputs that are required in every output set of an activity."""
     found: list[str] = []
     for specification in parts.get("ioSpecification", ()):
         sets = [_references(one, "dataOutputRefs") - _references(one, "optionalOutputRefs")

@@ -60,7 +60,7 @@ _MULTI_INSTANCE = re.compile("multiplicity|multiinstance|multi_instance", re.IGN
 
 
 def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -> Definitions:
-    """The model of a file, given by its path or its content (bytes). Errors about content refer to it as `file`.
+    """Return the model of a file, given by its path or its content (bytes). Errors about content refer to it as `file`.
 
     A model is returned unchanged. Processes that cannot be executed are read too: see `fame.bpmn.model.Process.faults`.
     Raises ModelError if the file cannot be read or is not BPMN 2.0, ConfigError if `source` has another type.
@@ -268,7 +268,7 @@ def _artifacts(context: Context, root: Node) -> Iterator[Artifact]:
 
 
 def write(definitions: Definitions, path: str | Path | None = None) -> bytes:
-    """The XML of a model, byte for byte as it was read. Also write it to `path`, if given.
+    """Return the XML of a model, byte for byte as it was read. Also write it to `path`, if given.
 
     A file holds more than the model (comments, unknown extensions), so changes are made in the file. Raises ModelError
     if the model was changed after reading or if `path` cannot be written, ConfigError if `definitions` is not a model.

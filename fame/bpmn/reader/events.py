@@ -71,7 +71,8 @@ class TopicSource:
 
 
 def read_definitions(node: NodeReader, place: EventPosition) -> tuple[EventDefinition, ...]:
-    """The event definitions of an event, in document order. Faults are definitions that are not allowed or invalid."""
+    """Return the event definitions of an event, in document order. Faults are definitions that are
+    not allowed or invalid."""
     found: list[tuple[Node, str]] = []
     for tag, elements in node.parts.items():
         if tag.endswith(_SUFFIX):
@@ -96,7 +97,7 @@ def _is_known(node: NodeReader, kind: str, place: EventPosition) -> bool:
 
 
 def read_mapping(node: NodeReader, place: EventPosition, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
-    """The mapping of an event, without that of a caught message."""
+    """Return the mapping of an event, without that of a caught message."""
     found, moves = node.extensions, node.associations
     catches = place not in THROWS and any(isinstance(one, SignalDefinition | MessageDefinition) for one in definitions)
     inputs = (*found.inputs, *moves.assigned_in) if place in THROWS else ()
@@ -115,7 +116,7 @@ def _referred(context: Context, reference: Node) -> tuple[Node, str] | None:
 def read_topic(
     source: TopicSource, element: Node, kind: Literal["signal", "message"], properties: TopicProperties
 ) -> Topic:
-    """The topic of a signal or message, named after the referenced element, else after the label."""
+    """Return the topic of a signal or message, named after the referenced element, else after the label."""
     node, reference = source.node, element.get(f"{kind}Ref")
     referred = node.context.root(reference)
     if referred is not None and local_name(referred) != kind:
@@ -275,7 +276,7 @@ def _message(source: TopicSource, element: Node) -> MessageDefinition:
 
 
 def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Expression], ...]:
-    """The correlation keys of a message: variable of the process -> expression over ``msg``.
+    """Return the correlation keys of a message: variable of the process -> expression over ``msg``.
 
     From correlation properties (BPMN 2.0, chapter 8.3.2); a Camunda 8 key ``=order.id`` correlates with field ``id``.
     """

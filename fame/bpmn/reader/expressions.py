@@ -35,7 +35,7 @@ _NAME = re.compile(r"[^\W\d]\w*")
 
 
 def language_of(context: Context, element: Node, language: str) -> Language | Literal["unknown"] | None:
-    """The language with that name, None if unspecified. An unknown language is a fault."""
+    """Return the language with that name, None if unspecified. An unknown language is a fault."""
     name = language.strip().lower()
     if _FEEL.fullmatch(name):
         return "feel"
@@ -46,7 +46,7 @@ def language_of(context: Context, element: Node, language: str) -> Language | Li
 
 
 def is_single_expression(text: str) -> bool:
-    """Whether a text is a single ``${...}`` or ``#{...}``.
+    """Return whether a text is a single ``${...}`` or ``#{...}``.
 
     >>> is_single_expression("${a + 1}"), is_single_expression("${a}-${b}"), is_single_expression("${ {'}': 1} }")
     (True, False, True)
@@ -71,23 +71,23 @@ def is_single_expression(text: str) -> bool:
 
 
 def is_name(text: str) -> bool:
-    """Whether a text is a valid variable name."""
+    """Return whether a text is a valid variable name."""
     return _NAME.fullmatch(text) is not None
 
 
 def variable_name(element: Node) -> str:
-    """The variable of a data element: its name if that is a valid variable name, else its id."""
+    """Return the variable of a data element: its name if that is a valid variable name, else its id."""
     name = element.get("name", "").strip()
     return name if is_name(name) else re.sub(r"\W|^(?=\d)", "_", element.get("id", ""))
 
 
 def has_placeholders(text: str) -> bool:
-    """Whether a text contains ``${...}`` or ``#{...}``."""
+    """Return whether a text contains ``${...}`` or ``#{...}``."""
     return "${" in text or "#{" in text
 
 
 def by_form(text: str, line: int) -> Expression | None:
-    """The expression, if the form of the text decides its language; else None."""
+    """Return the expression, if the form of the text decides its language; else None."""
     if text.startswith("="):
         return Expression(text[1:].strip(), "feel", line)
     if is_single_expression(text):
@@ -96,7 +96,7 @@ def by_form(text: str, line: int) -> Expression | None:
 
 
 def code_expression(context: Context, element: Node, text: str, language: str | None, line: int) -> Expression | None:
-    """A condition, script or other code. None for a text in no known language, which is a fault."""
+    """Return a condition, script or other code. None for a text in no known language, which is a fault."""
     language_name = language_of(context, element, language or context.language)
     if language_name == "unknown":
         return None
@@ -114,19 +114,19 @@ def code_expression(context: Context, element: Node, text: str, language: str | 
 
 
 def code_of(context: Context, element: Node, language: str | None = None) -> Expression | None:
-    """The text of an element as code, with the line of its first line; None if it is empty, or after a fault."""
+    """Return the text of an element as code, with the line of its first line; None if it is empty, or after a fault."""
     text, line = _block(element)
     return code_expression(context, element, text, language or element.get("language"), line) if text else None
 
 
 def condition_of(context: Context, element: Node) -> Expression | None:
-    """The text of an element as a condition; None as for `code_of`."""
+    """Return the text of an element as a condition; None as for `code_of`."""
     expression = code_of(context, element)
     return None if expression is None else replace(expression, condition=True)
 
 
 def timer_text(context: Context, element: Node) -> Expression | None:
-    """The text of an element that is usually a literal (a timer): an expression by its form, else a template."""
+    """Return the text of an element that is usually a literal (a timer): an expression by its form, else a template."""
     text, line = _block(element)
     if not text:
         return None
@@ -137,13 +137,14 @@ def timer_text(context: Context, element: Node) -> Expression | None:
 
 
 def mapping_source(text: str, line: int) -> Expression:
-    """The source of a mapping: an expression by its form, a template if it contains ``${...}``, else a YAML scalar."""
+    """Return the source of a mapping: an expression by its form, a template if it contains
+    ``${...}``, else a YAML scalar."""
     text = text.strip()
     return by_form(text, line) or Expression(text, "template" if has_placeholders(text) else "value", line)
 
 
 def variable_or_expression(context: Context, element: Node, text: str) -> Expression | None:
-    """An attribute with a variable name or an expression. None for another text, which is a fault."""
+    """Return an attribute with a variable name or an expression. None for another text, which is a fault."""
     text, line = text.strip(), line_of(element)
     recognised = by_form(text, line)
     if recognised is not None:
@@ -168,7 +169,7 @@ _PLAIN = re.compile(r"[\w.+-]*")
 
 
 def scalar(text: str) -> str:
-    """A text as an item of flow-style YAML, quoted if necessary.
+    """Return a text as an item of flow-style YAML, quoted if necessary.
 
     >>> scalar("${x}"), scalar("1.5"), scalar("[1, 2]"), scalar("left, then right")
     ('${x}', '1.5', '[1, 2]', '"left, then right"')

@@ -53,11 +53,11 @@ class NodeReader:
         return " ".join(self.element.get("name", "").split())
 
     def get(self, name: str) -> str:
-        """The value of an attribute, or empty."""
+        """Return the value of an attribute, or empty."""
         return self.element.get(name, "")
 
     def flag(self, name: str, default: bool = False) -> bool:
-        """An attribute of type xsd:boolean."""
+        """Return an attribute of type xsd:boolean."""
         return boolean_attribute(self.context, self.element, name, default)
 
     def fault(self, text: str) -> None:

@@ -37,7 +37,7 @@ _MARKS = b"\xef\xbb\xbf\xff\xfe"
 
 
 def parse(source: bytes, file: str, *, keep_all: bool = False) -> Node:
-    """The root element of a BPMN document.
+    """Return the root element of a BPMN document.
 
     `keep_all` keeps comments, processing instructions and CDATA sections, for writing the document again. Raises
     ModelError if it is too large, has a document type, is not well-formed, or its root is not ``definitions`` of BPMN
@@ -53,7 +53,7 @@ def parse(source: bytes, file: str, *, keep_all: bool = False) -> Node:
 
 
 def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
-    """The root element of any XML document; otherwise as `parse`."""
+    """Return the root element of any XML document; otherwise as `parse`."""
     check_size(len(source), file)
     if _PROLOG.match(source.replace(b"\0", b"").lstrip(_MARKS)):
         raise _has_document_type(file)
@@ -95,7 +95,8 @@ def _tree(source: bytes, keep_all: bool, recover: bool = False) -> Node:
 
 
 def read_file(path: Path) -> bytes:
-    """The content of a file, however little its size says of it. Raises OSError, and ModelError if it is too large."""
+    """Return the content of a file, however little its size says of it. Raises OSError, and
+    ModelError if it is too large."""
     check_size(path.stat().st_size, str(path))
     with path.open("rb") as file:
         content = file.read(LIMIT + 1)
@@ -116,18 +117,18 @@ def _has_document_type(file: str) -> ModelError:
 
 
 def line_of(element: Node) -> int:
-    """The line where the opening tag ends, 1-based; 0 if unknown."""
+    """Return the line where the opening tag ends, 1-based; 0 if unknown."""
     line: int | None = element.sourceline  # type: ignore[assignment]
     return line or 0
 
 
 def local_name(element: Node) -> str:
-    """The tag without its namespace."""
+    """Return the tag without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
 def attributes(element: Node) -> list[str]:
-    """The names of the attributes, ``{namespace}name`` for those with a namespace."""
+    """Return the names of the attributes, ``{namespace}name`` for those with a namespace."""
     return element.keys()  # type: ignore[return-value]
 
 
@@ -139,7 +140,7 @@ Parts = dict[str, list[Node]]
 
 
 def parts_of(element: Node) -> Parts:
-    """The BPMN children by local name, in document order."""
+    """Return the BPMN children by local name, in document order."""
     found: Parts = {}
     for child in element:
         namespace, _, name = child.tag.rpartition("}")
@@ -152,12 +153,12 @@ def parts_of(element: Node) -> Parts:
 
 
 def children(element: Node, name: str) -> Iterator[Node]:
-    """The BPMN children with that local name."""
+    """Return the BPMN children with that local name."""
     return element.iterchildren(_B + name)
 
 
 def child(element: Node, name: str) -> Node | None:
-    """The first BPMN child with that local name, or None."""
+    """Return the first BPMN child with that local name, or None."""
     return element.find(_B + name)
 
 
@@ -165,7 +166,7 @@ def child(element: Node, name: str) -> Node | None:
 
 
 def resolve(table: Mapping[str, T], reference: str | None) -> T | None:
-    """The entry that a reference names, or None. References are qualified names: the id may have a prefix."""
+    """Return the entry that a reference names, or None. References are qualified names: the id may have a prefix."""
     if not reference:
         return None
     reference = reference.strip()
@@ -174,7 +175,7 @@ def resolve(table: Mapping[str, T], reference: str | None) -> T | None:
 
 
 def local_id(element: Node, name: str) -> str:
-    """The id in an attribute that is a qualified name, without a prefix that the file declares."""
+    """Return the id in an attribute that is a qualified name, without a prefix that the file declares."""
     prefix, colon, id = element.get(name, "").strip().partition(":")
     return id if colon and prefix in element.nsmap else prefix + colon + id
 
@@ -199,7 +200,7 @@ def unique_ids(elements: Iterable[Node], taken: set[str]) -> dict[str, str]:
 
 
 def is_reference(name: str) -> bool:
-    """Whether attributes of that name are references to ids."""
+    """Return whether attributes of that name are references to ids."""
     return name in ("default", "bpmnElement") or name.endswith("Ref")
 
 

@@ -108,7 +108,8 @@ class Abstraction:
         return tuple(sorted((self.catches | self.named) - {""}))
 
     def process(self, home: model.Definitions, process: model.Process) -> model.Process:
-        """A process without the inside of behaviours. Robots of a pool may have different processes of one id."""
+        """Return a process without the inside of behaviours. Robots of a pool may have different
+        processes of one id."""
         key = (home.file, id(process))
         if key not in self._reduced:
             self._homes[home.file] = home
@@ -126,7 +127,7 @@ class Abstraction:
         return self.process(home, process), home.file
 
     def bodies(self, home: model.Definitions, process: model.Process) -> list[model.Body]:
-        """All bodies of an abstract process and of what it calls."""
+        """Return all bodies of an abstract process and of what it calls."""
         found, seen = list[model.Body](), set[tuple[str, int]]()
         pending = [(home, process)]
         while pending:
@@ -267,7 +268,7 @@ def _given(task: model.Task, body: model.Body) -> Iterator[str]:
 
 
 def step_name(file: str, element: str) -> str:
-    """The name of the step of a behaviour, service or action."""
+    """Return the name of the step of a behaviour, service or action."""
     return f"{STEP}{file} {element}"
 
 
@@ -334,7 +335,7 @@ def abstraction(
     parameters: frozenset[str] = frozenset(),
     named: frozenset[str] = frozenset(),
 ) -> Abstraction:
-    """The abstraction of a team. Raises ModelError for calls of unknown processes.
+    """Return the abstraction of a team. Raises ModelError for calls of unknown processes.
 
     given       some robots go on from snapshots, so that variables may have values which nothing in the model gives
     read        variables that properties read: they count as what decides something
@@ -395,7 +396,7 @@ def _script_topics(script: model.Expression) -> Iterable:  # type: ignore[type-a
 
 
 def emitted(script: model.Expression) -> tuple[str, ...]:
-    """The topics that a script names to publish on."""
+    """Return the topics that a script names to publish on."""
     return tuple(one.qualified for one in _script_topics(script) if one.direction == "publish")
 
 
@@ -429,7 +430,7 @@ def _may_set(process: model.Process) -> Iterator[str]:
 
 
 def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[str, ...]:
-    """The variables that a caught message may set."""
+    """Return the variables that a caught message may set."""
     if topic.takes:
         return tuple(item.target for item in topic.takes)
     names = [name for item in body.data_objects if item.id in node.data_outputs for name in item.names]
@@ -437,7 +438,7 @@ def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[s
 
 
 def step_codes(node: model.Activity, thrown: set[str] | None, body: model.Body) -> tuple[str, ...]:
-    """The codes that a step may raise: those that it names, else those that its boundary events catch."""
+    """Return the codes that a step may raise: those that it names, else those that its boundary events catch."""
     caught = [one.code for event in body.boundary(node.id) for one in event.defined(model.ErrorDefinition)]
     codes = set(thrown or ()) | {code for code in caught if code and (thrown is None or code in ("script", "no_flow"))}
     if None in caught and not codes:
@@ -597,7 +598,7 @@ def _counted(processes: Iterable[model.Process]) -> frozenset[str]:
 
 
 def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
-    """The variables that an element uses besides its texts."""
+    """Yield the variables that an element uses besides its texts."""
     yield from node.sets()
     yield from node.io.sets() if node.io is not None else ()
     for topic, throws in node.topics():

@@ -48,7 +48,7 @@ class Aliases:
                         self._owners[target].add(source)
 
     def of(self, change: ChangedPlace) -> set[str]:
-        """The other variables in which a change of one shows."""
+        """Return the other variables in which a change of one shows."""
         name, itself = change
         owners = self._owners.get(name, set()) if itself else self._before.get(name, set())
         return _reached({name} | _reached(owners, self._before), self._after) - {name}
@@ -60,7 +60,8 @@ class Aliases:
             yield frozenset((change[0],)), frozenset(self.of(change))
 
     def marked(self, script: model.Expression, needed: Set[str]) -> model.Expression:
-        """A script with a call of `shared`, if it may change what others that are needed hold; each line stays."""
+        """Return a script with a call of `shared`, if it may change what others that are needed
+        hold; each line stays."""
         changes = sorted(changes_in_place(script))
         names = {change[0]: others for change in changes if (others := self.of(change) & needed)}
         found = accepted(script, "exec") if names else None
@@ -192,7 +193,7 @@ def _inside(value: Any) -> Iterable[Any]:
 
 
 def may_equal(one: Any, other: Any) -> bool:
-    """Whether two values are equal, or may be, as something in them is unknown."""
+    """Return whether two values are equal, or may be, as something in them is unknown."""
     if is_unknown(one) or is_unknown(other):
         return True
     if one.__class__ is not other.__class__:

@@ -21,7 +21,7 @@ _ATOMS = (bool, int, float, str, bytes, type(None))
 
 
 def functions(values: Values) -> dict[str, Callable[..., Any]]:
-    """The functions that the texts call, and those that make texts of values."""
+    """Return the functions that the texts call, and those that make texts of values."""
 
     def same(one: Any, other: Any) -> Any:
         """Whether two values are one object: unknown if one of them is unknown, or may have other names too."""
@@ -41,7 +41,7 @@ def functions(values: Values) -> dict[str, Callable[..., Any]]:
 
 @lru_cache(maxsize=1024)
 def asking(expression: Expression, mode: Literal["exec", "eval"] = "exec") -> Expression:
-    """The text with these calls; its lines keep their numbers."""
+    """Return the text with these calls; its lines keep their numbers."""
     found = accepted(expression, mode)
     nodes = [node for node in ast.walk(found[1]) if isinstance(node, ast.expr) and _hides(node)] if found else []
     if found is None or not nodes:

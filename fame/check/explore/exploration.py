@@ -154,7 +154,7 @@ class Exploration:
         return refuted or any(one.level == "error" for one in self.findings)
 
     def partly(self) -> str:
-        """What is known if no error was found, but not all is known."""
+        """Return what is known if no error was found, but not all is known."""
         if self.exhaustive:
             names = [one.name for one in self.properties if one.verdict == "not known"]
             return f"no error found, but it is not known whether {', '.join(names)} may be violated"
@@ -166,7 +166,7 @@ class Exploration:
         return sum(search.states for search in self.searches)
 
     def summary(self) -> str:
-        """The first line of a report."""
+        """Return the first line of a report."""
         spent = f"{self.states} states in {self.seconds:.1f} s"
         modes = " and ".join(search.delivery for search in self.searches)
         modes += ", only the order of fame run" if modes == "run" else ""
@@ -263,7 +263,7 @@ class Team:
         )
 
     def groups(self) -> tuple[tuple[int, ...], ...]:
-        """The places of robots that nothing tells apart."""
+        """Return the places of robots that nothing tells apart."""
         found = []
         for name in dict.fromkeys(pool.name for pool in self.kinds.values()):
             places = tuple(place for place, robot in enumerate(self.robots) if self.kinds[robot].name == name)
@@ -273,7 +273,7 @@ class Team:
         return tuple(found)
 
     def required(self) -> tuple[tuple[int, ...], ...]:
-        """The places of the robots of each pool of which one has to start, and none does by itself."""
+        """Return the places of the robots of each pool of which one has to start, and none does by itself."""
         found = []
         for pool in self.pools:
             places = tuple(place for place, robot in enumerate(self.robots) if self.cast[robot].name == pool.name)
@@ -298,7 +298,8 @@ class Team:
                         bool(explored.cut), table, judged), found  # fmt: skip
 
     def after_failures(self, searched: Searched, limit: int, stop: Callable[[], bool]) -> Searched:
-        """The search with only those proofs that also hold if services and actions fail where nothing catches that.
+        """Return the search with only those proofs that also hold if services and actions fail
+        where nothing catches that.
 
         Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
         """
@@ -482,7 +483,7 @@ def _watches(definitions: Definitions, library: Library, cast: Mapping[str, Pool
 
 
 def codes_named(properties: Iterable[Property]) -> frozenset[str]:
-    """The error codes that properties name."""
+    """Return the error codes that properties name."""
     return frozenset(event.code for one in properties for event in one.occurrences if event.code)
 
 

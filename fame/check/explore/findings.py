@@ -70,7 +70,7 @@ class Finding:
     certain: bool = False
 
     def steps(self) -> Iterator[str]:
-        """Its run, a numbered step a line; the same step several times in a row is one line."""
+        """Yield its run, a numbered step a line; the same step several times in a row is one line."""
         if not self.run:
             yield "    (at once)"
         doomed = self.doomed
@@ -125,7 +125,7 @@ class ExplorationReport:
         return self.runs.explored
 
     def findings(self) -> list[Finding]:
-        """All findings, the worst first."""
+        """Return all findings, the worst first."""
         good = self.explored.completable()
         circling = self._circling(good)
         found = [

@@ -100,7 +100,7 @@ class Footprints:
         self._tables: dict[Hashable, dict[Names, dict[Codes, tuple[Effect, ...]]]] = {}
 
     def find(self, step: Hashable, content: int) -> tuple[Effect, ...] | None:
-        """The effects of a step on variables with that content; None if they are not known."""
+        """Return the effects of a step on variables with that content; None if they are not known."""
         for names, known in self._tables.get(step, {}).items():
             effects = known.get(self._codes(content, names))
             if effects is not None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 
 def shortest(starts: Iterable[int], goals: Container[int], after: Callable[[int], Iterable[int]]) -> list[int]:
-    """A shortest way through a graph from a start to a goal, both included; empty if no goal can be reached."""
+    """Return a shortest way through a graph from a start to a goal, both included; empty if no goal can be reached."""
     before: dict[int, int | None] = dict.fromkeys(starts)
     pending = list(before)
     for at in pending:
@@ -85,7 +85,7 @@ class Explored:
         return starts.tolist(), sources[order].tolist()
 
     def reached_from(self, at: int) -> list[int]:
-        """The states that are reached from one, itself among them."""
+        """Return the states that are reached from one, itself among them."""
         seen, pending = {at}, [at]
         while pending:
             one = pending.pop()
@@ -103,19 +103,19 @@ class Explored:
         return self.leading_to([*self.final, *self.unexplored()])
 
     def unexplored(self) -> list[int]:
-        """The states of which not all successors are known."""
+        """Return the states of which not all successors are known."""
         return [*self.open, *range(len(self.offsets) - 1, len(self.states))]
 
     def layer(self, at: int) -> int:
-        """How many uncaught errors a state needs."""
+        """Return how many uncaught errors a state needs."""
         return bisect_right(self.layers, at)
 
     def shortest(self, starts: Iterable[int], goals: Container[int]) -> list[int]:
-        """A shortest way from a start to a goal, both included; empty if no goal can be reached."""
+        """Return a shortest way from a start to a goal, both included; empty if no goal can be reached."""
         return shortest(starts, goals, self._after)
 
     def bottoms(self, inside: Iterable[int]) -> list[list[int]]:
-        """The sets of states that are never left again and in which each reaches all (path-based, Gabow 2000).
+        """Return the sets of states that are never left again and in which each reaches all (path-based, Gabow 2000).
 
         All edges of the states `inside` lead to such.
         """

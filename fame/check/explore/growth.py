@@ -16,7 +16,8 @@ MOST_AT_ONE_PLACE = 3
 
 
 def growth(engine: Engine, scopes: Iterable[Scope]) -> tuple[str, str] | None:
-    """What grows without bound in the state that an engine is in: ``instances`` of a process, ``tokens`` at an element.
+    """Return what grows without bound in the state that an engine is in: ``instances`` of a
+    process, ``tokens`` at an element.
 
     None if nothing does.
     """

@@ -154,7 +154,7 @@ class ExplorationHost:
         self.memory.scopes.clear()
 
     def new_variables(self) -> dict[str, Any]:
-        """What an instance starts with."""
+        """Return what an instance starts with."""
         new = {"__builtins__": self._interface}
         return Outcomes(new, self.memory) if self.remembered else new
 
@@ -167,7 +167,7 @@ class ExplorationHost:
     # ---- decisions -----------------------------------------------------------------------------------
 
     def choose(self, ways: int) -> int:
-        """One of several ways: as decided, else the first; from `MOST_DECISIONS` on they alternate."""
+        """Return one of several ways: as decided, else the first; from `MOST_DECISIONS` on they alternate."""
         choices = self.outcome.choices
         place = len(choices)
         if self._again:
@@ -458,7 +458,7 @@ class ExplorationHost:
         return self.values.number(message), message
 
     def blank(self, topic: str) -> int:
-        """The number of a message on a topic of which nothing is known."""
+        """Return the number of a message on a topic of which nothing is known."""
         use = self.types.get(topic)
         return self._blank_of(use.type if use is not None else EMPTY_TYPE)
 
@@ -550,14 +550,14 @@ def _is_about_unknown(error: Exception) -> bool:
 
 
 def step_under_way(wait: Wait) -> AbstractStep:
-    """What takes time where a token waits."""
+    """Return what takes time where a token waits."""
     made = wait.node.spec.run(wait.scope.variables)
     assert isinstance(made, Running)
     return made.step
 
 
 def step_of(script: Expression) -> AbstractStep:
-    """The known effects of a script that is not run."""
+    """Return the known effects of a script that is not run."""
     codes = own_codes(script) or ()
     emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
     writes, changes = script_writes(script), changed_in_place(script) | may_change(script)
@@ -592,7 +592,7 @@ def seconds_of(text: str) -> float | None:
 
 
 def field_names(types: Mapping[str, TopicUse]) -> frozenset[str]:
-    """The names of all fields of the messages of a team."""
+    """Return the names of all fields of the messages of a team."""
     found = set[str]()
     pending = [use.type for use in types.values()]
     seen = set[str]()

@@ -22,7 +22,7 @@ class _Touched:
         self.writes |= other.writes
 
     def meets(self, other: _Touched) -> bool:
-        """Whether the order of the two makes a difference."""
+        """Return whether the order of the two makes a difference."""
         return bool(self.writes & (other.reads | other.writes) or self.reads & other.writes)
 
 
@@ -42,7 +42,7 @@ class Structure:
 
     @classmethod
     def of(cls, local: Local) -> Structure | None:
-        """The structure of a process that calls no other; else None."""
+        """Return the structure of a process that calls no other; else None."""
         calls = any(local.body.calls())
         loops = any(node.body is not None and node.loop is not None for node in local.body.walk())
         return None if calls or loops else cls(local)
@@ -95,7 +95,8 @@ class Structure:
             self._touched[node.id].writes |= {node.result_variable} & self._kept
 
     def commutes(self, element: str, reached: set[str], others: list[str]) -> bool:
-        """Whether a step of the token at an element, to where it waits next, commutes with what the others may do."""
+        """Return whether a step of the token at an element, to where it waits next, commutes with
+        what the others may do."""
         if element not in self._around or self._restless & {element, *self._around[element], ""}:
             return False
         passage = self._region(element, frozenset())

@@ -54,7 +54,8 @@ class Liveness:
             sets -= self._inner
 
     def dead(self, waiting: Iterable[str]) -> Dead:
-        """The variables that nothing reads from now on before they are set, and those that nothing ever reads."""
+        """Return the variables that nothing reads from now on before they are set, and those that
+        nothing ever reads."""
         elements = frozenset(waiting)
         found = self._dead.get(elements)
         if found is None:

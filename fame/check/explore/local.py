@@ -123,11 +123,11 @@ class Local:
         return len(self.states.all)
 
     def start(self, given: Data | None = None) -> tuple[Successor, ...]:
-        """The ways in which the robot may start, or go on from a snapshot of this program."""
+        """Return the ways in which the robot may start, or go on from a snapshot of this program."""
         return self._explored(*self._first(given))
 
     def step(self, state: int, stimulus: Stimulus) -> tuple[Successor, ...]:
-        """The ways that a stimulus may go in a state."""
+        """Return the ways that a stimulus may go in a state."""
         key = (state, stimulus)
         found = self._memo.get(key)
         if found is None:
@@ -137,7 +137,7 @@ class Local:
     def step_by_engine(
         self, state: int, stimulus: Stimulus, keep: Callable[[Successor, Outcome], object] | None = None
     ) -> tuple[Successor, ...]:
-        """The ways of `step`, by an engine; `keep` is called with each and its outcome."""
+        """Return the ways of `step`, by an engine; `keep` is called with each and its outcome."""
         return self._explored(lambda: self.revived(state), lambda engine: apply(engine, stimulus, self.host), keep)
 
     def _new_step(self, state: int, stimulus: Stimulus) -> tuple[Successor, ...]:
@@ -180,7 +180,7 @@ class Local:
     def decisions(
         self, state: int | None, stimulus: Stimulus | None, way: Successor, given: Data | None = None
     ) -> list[tuple[str, int, int]]:
-        """The decisions by which a step goes that way: (element, chosen, ways), for a trace.
+        """Return the decisions by which a step goes that way: (element, chosen, ways), for a trace.
 
         Without a state it is the first step, see `start`.
         """

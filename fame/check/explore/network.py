@@ -40,7 +40,7 @@ class NetworkContents:
         self.sent: list[tuple[int, Sent]] = [(0, ())]
 
     def sending(self, sender: int, sent: Sent) -> int:
-        """The number of what a robot sends in a step; 0 if nobody receives it."""
+        """Return the number of what a robot sends in a step; 0 if nobody receives it."""
         sent = tuple(one for one in sent if self._receivers(sender, one[0], one[2]))
         if not sent:
             return 0
@@ -51,11 +51,11 @@ class NetworkContents:
         return number
 
     def content(self, number: int) -> Content:
-        """The content with a number."""
+        """Return the content with a number."""
         return self._contents[number]
 
     def number(self, content: dict[Channel, tuple[int, ...]]) -> int:
-        """The number of a content."""
+        """Return the number of a content."""
         key = tuple(sorted(content.items()))
         number = self._numbers.get(key)
         if number is None:
@@ -64,7 +64,7 @@ class NetworkContents:
         return number
 
     def push(self, number: int, sending: int) -> int:
-        """The difference when a robot has sent something."""
+        """Return the difference when a robot has sent something."""
         if number == BEYOND:
             return 0
         found = self._pushed.get((number, sending))
@@ -83,7 +83,7 @@ class NetworkContents:
         return found
 
     def heads(self, number: int) -> list[tuple[int, str, int, int]]:
-        """The messages that may arrive next: (receiver, topic, message, difference when it has)."""
+        """Return the messages that may arrive next: (receiver, topic, message, difference when it has)."""
         found = self._heads.get(number)
         if found is None:
             found = self._heads[number] = []
@@ -96,7 +96,7 @@ class NetworkContents:
         return found
 
     def renamed(self, number: int, places: dict[int, int]) -> int:
-        """The number when robots change places."""
+        """Return the number when robots change places."""
         content = {
             (places.get(sender, sender), topic, places.get(receiver, receiver)): messages
             for (sender, topic, receiver), messages in self._contents[number]

@@ -132,7 +132,7 @@ class Product:
         self.certain: set[tuple[int, str]] = set()
 
     def own(self, robot: int, state: int) -> tuple[Move, ...]:
-        """What a robot may do by itself in a local state."""
+        """Return what a robot may do by itself in a local state."""
         found = self._own[robot].get(state)
         if found is None:
             local = self.locals[robot]
@@ -146,7 +146,7 @@ class Product:
         return found
 
     def receive(self, robot: int, state: int, topic: str, message: int) -> tuple[Move, ...]:
-        """What a message does to a robot."""
+        """Return what a message does to a robot."""
         key = (state, topic, message)
         found = self._hears[robot].get(key)
         if found is None:
@@ -172,7 +172,7 @@ class Product:
         return found
 
     def receivers(self, sender: int, topic: str, only: str = "") -> tuple[int, ...]:
-        """The robots that take messages on a topic at some time."""
+        """Return the robots that take messages on a topic at some time."""
         found = self.hearers.get((sender, topic))
         if found is None:
             others = (robot for robot in range(self.count) if robot != sender)
@@ -180,7 +180,7 @@ class Product:
         return tuple(robot for robot in found if self.robots[robot] == only) if only else found
 
     def transitions(self, state: int) -> list[Transition]:
-        """All transitions from a state; fewer if others need not be looked at."""
+        """Return all transitions from a state; fewer if others need not be looked at."""
         network = state >> self.top
         found: list[Transition] = []
         if network:
@@ -202,7 +202,7 @@ class Product:
         return found
 
     def moved(self, state: int, robot: int, old: int) -> list[Transition]:
-        """The transitions of a state in which a robot, whose local state is `old`, does something by itself."""
+        """Return the transitions of a state in which a robot, whose local state is `old`, does something by itself."""
         found: list[Transition] = []
         for move in self.own(robot, old):
             if self._watched and move.stimulus[0] == "outside" and not self._throws(state, robot, move.stimulus[1]):
@@ -222,7 +222,8 @@ class Product:
         return found if self.options.monitors is None else [self.judged(transition) for transition in found]
 
     def judged(self, transition: Transition) -> Transition:
-        """A transition, with what properties make of its events: those of its robot, then those of the others."""
+        """Return a transition, with what properties make of its events: those of its robot, then
+        those of the others."""
         monitors, (state, robot, move, reactions) = self.options.monitors, transition
         if monitors is None or not is_observed(transition):
             return transition
@@ -238,7 +239,7 @@ class Product:
         return self.options.monitors.throws(self.monitored(state), robot, topic)
 
     def monitored(self, state: int) -> int:
-        """The number of the joint state of the properties."""
+        """Return the number of the joint state of the properties."""
         return state >> self.monitor_shift & MONITORED if self.options.monitors is not None else 0
 
     def _exchanged(self, state: int, places: Mapping[int, int]) -> int:
@@ -258,7 +259,7 @@ class Product:
                 found.append((new, receiver, move, ()))
 
     def initial(self) -> list[Transition]:
-        """The states in which all robots have started: before the first delivery all of them have."""
+        """Return the states in which all robots have started: before the first delivery all of them have."""
         starts: list[tuple[int, Reactions]] = [(0, ())]
         for robot, local in enumerate(self.locals):
             ways = self.moves(robot, 0, ("start", None, None), local.start(self.options.given.get(robot)))
@@ -283,11 +284,11 @@ class Product:
         return self._judged(found)
 
     def number(self, state: int) -> int | None:
-        """The number of an explored state, in which equal robots may stand in another order."""
+        """Return the number of an explored state, in which equal robots may stand in another order."""
         return self.index.get(self.symmetry.canonical(state))
 
     def is_final(self, state: int) -> bool:
-        """Whether every instance has ended, and no message is under way."""
+        """Return whether every instance has ended, and no message is under way."""
         if state >> self.top:
             return False
         for robot in range(self.count):
@@ -298,7 +299,7 @@ class Product:
         return True
 
     def is_cut(self, state: int) -> bool:
-        """Whether a state is one of those that are not explored."""
+        """Return whether a state is one of those that are not explored."""
         beyond = state >> self.top == BEYOND or state >> self.fault_shift & FAULTS == FAULTS
         return beyond or CUT in self.locals_of(state)
 
@@ -306,5 +307,5 @@ class Product:
         return [state >> (robot * BITS) & MASK for robot in range(self.count)]
 
     def fault_of(self, state: int) -> SingleFault:
-        """The fault that has happened, () for none."""
+        """Return the fault that has happened, () for none."""
         return self.faults[state >> self.fault_shift & FAULTS]

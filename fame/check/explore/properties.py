@@ -83,7 +83,7 @@ class Watch:
         return own | {(element, what) for _, element, what in self.monitor.events}
 
     def step(self, state: WatchState, event: Happening) -> WatchState:
-        """The state after an event."""
+        """Return the state after an event."""
         watched, thrown, taken = state
         robot, element, what, _ = event
         if what == THROWN:
@@ -95,7 +95,7 @@ class Watch:
         return watched, thrown, taken
 
     def throws(self, state: WatchState, robot: str) -> bool:
-        """Whether its signal may reach a robot now."""
+        """Return whether its signal may reach a robot now."""
         watched, thrown, taken = state
         if robot in taken or thrown or watched is None:
             return thrown and robot not in taken
@@ -160,7 +160,7 @@ class Monitors:
         return number
 
     def step(self, number: int, robot: int, events: Observed) -> int:
-        """The joint state after events of a robot, in their order."""
+        """Return the joint state after events of a robot, in their order."""
         key = (number, robot, events)
         found = self._steps.get(key)
         if found is None:
@@ -182,7 +182,7 @@ class Monitors:
         return found
 
     def read(self, number: int) -> int:
-        """The joint state after the conditions were read."""
+        """Return the joint state after the conditions were read."""
         if not self.sources:
             return number
         found = self._read.get(number)
@@ -201,14 +201,15 @@ class Monitors:
         return (*states, numbers)
 
     def throws(self, number: int, robot: int, topic: str) -> bool:
-        """Whether a message on a topic may come to a robot from outside: that of a watch only when it may throw it."""
+        """Return whether a message on a topic may come to a robot from outside: that of a watch
+        only when it may throw it."""
         watches = zip(self.watches, self.states[number][len(self.monitors) : -1], strict=True)
         return topic not in self.thrown or any(
             one.topic == topic and one.throws(state, self.names[robot]) for one, state in watches
         )
 
     def renamed(self, number: int, places: Mapping[int, int]) -> int:
-        """The joint state when equal robots change places."""
+        """Return the joint state when equal robots change places."""
         key = (number, tuple(sorted(places.items())))
         found = self._renamed.get(key)
         if found is None:
@@ -222,7 +223,7 @@ class Monitors:
         return found
 
     def judge(self, runs: Runs, *, exhaustive: bool) -> Iterator[Judged]:
-        """What the explored states say about each property."""
+        """Yield what the explored states say about each property."""
         explored, product = runs.explored, runs.product
         numbers = [product.monitored(state) for state in explored.states]
         places = iter(range(len(self.monitors)))
@@ -307,7 +308,7 @@ def _exchanged(monitor: Monitor, state: State, names: Mapping[str, str]) -> Stat
 
 
 def is_judged(monitor: Monitor) -> bool:
-    """Whether an exploration may judge a property, if it sees all that it names."""
+    """Return whether an exploration may judge a property, if it sees all that it names."""
     return not (monitor.timed or monitor.reads_messages or any(one.kind != "variable" for one in monitor.sources))
 
 

@@ -160,13 +160,13 @@ _RAISES = re.compile(r"\b(raise|assert|throw)\b(?!\s+(new\s+)?BpmnError\b)")
 
 
 def may_raise(script: Expression) -> bool:
-    """Whether a script, in any language, says that it fails otherwise than with an error code."""
+    """Return whether a script, in any language, says that it fails otherwise than with an error code."""
     return _RAISES.search(script.text) is not None
 
 
 @lru_cache(maxsize=1024)
 def is_computable(script: Expression, fields: frozenset[str], mode: str = "exec") -> bool:
-    """Whether a script or expression in Python may be run. `fields`: names of the fields of messages."""
+    """Return whether a script or expression in Python may be run. `fields`: names of the fields of messages."""
     if script.language != "python":
         return False
     try:
@@ -197,7 +197,7 @@ def _is_builtin(name: str) -> bool:
 
 @lru_cache(maxsize=1024)
 def waits(script: Expression) -> bool:
-    """Whether a script waits: it has an ``await`` (in JavaScript, the word)."""
+    """Return whether a script waits: it has an ``await`` (in JavaScript, the word)."""
     if script.language != "python":
         return script.language == "javascript" and "await" in script.text
     try:
@@ -209,13 +209,13 @@ def waits(script: Expression) -> bool:
 
 @lru_cache(maxsize=1024)
 def catches(script: Expression) -> bool:
-    """Whether a script in Python catches exceptions, among them those of asking an unknown value too much."""
+    """Return whether a script in Python catches exceptions, among them those of asking an unknown value too much."""
     return any(isinstance(node, ast.Try | ast.TryStar) for node in ast.walk(parse_python(script)))
 
 
 @lru_cache(maxsize=1024)
 def is_certain(script: Expression, topic: str) -> bool:
-    """Whether a script publishes on a topic (qualified name) each time that it ends without an error.
+    """Return whether a script publishes on a topic (qualified name) each time that it ends without an error.
 
     It does if a statement outside of blocks, which nothing but an error can leave out, publishes in any case.
     """

@@ -53,7 +53,8 @@ class Reduction:
     # ---- fewer transitions ---------------------------------------------------------------------------
 
     def alone(self, state: int) -> list[Transition] | None:
-        """The moves of one robot, or of a few, that no other can influence, if they lead to states not yet explored."""
+        """Return the moves of one robot, or of a few, that no other can influence, if they lead to
+        states not yet explored."""
         rest, index, canonical = state, self._index, self._canonical
         at = index[state]
         for robot, table in enumerate(self._alone):
@@ -71,7 +72,8 @@ class Reduction:
         return self._stubborn.transitions(state) if self._stubborn is not None else None
 
     def first_arrivals(self, state: int, found: list[Transition]) -> list[Transition]:
-        """The arrivals at one robot, if those at others lead to no more messages, and lead to states not yet explored.
+        """Return the arrivals at one robot, if those at others lead to no more messages, and lead
+        to states not yet explored.
 
         Nothing but arrivals happens now, so robots that send nothing in them may as well receive their messages later.
         """
@@ -113,7 +115,8 @@ class Reduction:
     # ---- steps gone through at once ------------------------------------------------------------------
 
     def settled(self, transition: Transition) -> Sequence[int]:
-        """The states to which a transition leads once the robots have taken all steps that no other one notices."""
+        """Return the states to which a transition leads once the robots have taken all steps that
+        no other one notices."""
         new, robot, move, reactions = transition
         if not reactions and move.stimulus[0] != "hear":
             if move.sending and new >> self.product.top and self._fast:
@@ -140,7 +143,7 @@ class Reduction:
         return move.ends
 
     def between(self, state: int, end: int) -> Iterator[Transition]:
-        """The transitions from a state to one to which the robots have gone on from there, see `settled`."""
+        """Yield the transitions from a state to one to which the robots have gone on from there, see `settled`."""
         for robot in range(self.product.count):
             old, new = (one >> (robot * BITS) & MASK for one in (state, end))
             for move in self._path(robot, old, new) if old != new else ():
@@ -148,7 +151,8 @@ class Reduction:
                 yield state, robot, move, ()
 
     def ends(self, robot: int, state: int) -> tuple[int, ...]:
-        """The local states in which a robot is once it has gone all steps that may be explored alone; () if none may.
+        """Return the local states in which a robot is once it has gone all steps that may be
+        explored alone; () if none may.
 
         Every way from each state between leads to one of them; else () as well, since somebody must come between.
         """
@@ -185,7 +189,7 @@ class Reduction:
     # ---- of one robot ----------------------------------------------------------------------------------
 
     def moves(self, robot: int, state: int) -> tuple[Move, ...]:
-        """The moves that may be explored alone in a local state."""
+        """Return the moves that may be explored alone in a local state."""
         moves = self.product.own(robot, state)
         silent = [move for move in moves if self._is_silent(robot, state, move)]
         if not silent:

@@ -75,7 +75,7 @@ class Memory:
 
 
 def owner_of(variables: dict[str, Any], name: str) -> dict[str, Any]:
-    """The variables, of a scope or of one around it, that have a name."""
+    """Return the variables, of a scope or of one around it, that have a name."""
     while isinstance(variables, Variables) and not dict.__contains__(variables, name):
         variables = variables.outer
     return variables
@@ -98,7 +98,7 @@ class InnerOutcomes(Variables):
             self.memory.set(name, self)
 
     def recall(self, key: str) -> tuple[int, ...]:
-        """The decisions that led to the outcome of a condition; none if it is not known."""
+        """Return the decisions that led to the outcome of a condition; none if it is not known."""
         found: tuple[int, ...] = dict.get(self, key, ())
         return found
 
@@ -136,7 +136,7 @@ class Outcomes(dict[str, Any]):
         super().update({name: value for name, value in dict(*values, **named).items() if not _is_key(name)})
 
     def recall(self, key: str) -> tuple[int, ...]:
-        """The decisions that led to the outcome of a condition; none if it is not known."""
+        """Return the decisions that led to the outcome of a condition; none if it is not known."""
         found: tuple[int, ...] = self.get(key, ())
         return found
 
@@ -182,7 +182,7 @@ def _is_key(name: str) -> bool:
 
 
 def key_of(condition: model.Expression) -> str:
-    """The name under which the outcome of a condition is kept among the variables: no other one is called so."""
+    """Return the name under which the outcome of a condition is kept among the variables: no other one is called so."""
     return f"?{condition.language} {' '.join(condition.text.split())}"
 
 

@@ -27,7 +27,7 @@ from fame.middleware import messages
 
 
 def as_explored(data: Data, real: Program, explored: Program) -> Data:
-    """A snapshot of the real program as one of the explored program.
+    """Return a snapshot of the real program as one of the explored program.
 
     Raises MissionError for the snapshot of another model.
     """
@@ -35,7 +35,7 @@ def as_explored(data: Data, real: Program, explored: Program) -> Data:
 
 
 def resumed(program: Program, data: Data, host: ExplorationHost) -> Engine:
-    """The engine of a snapshot of an explored program; of its timers no times are known."""
+    """Return the engine of a snapshot of an explored program; of its timers no times are known."""
     outside: Host = host
     engine = restore(program, data, outside, host.new_variables, load=lambda value: _load_known(value, host.values))
     pending = {key: wait.catch for key, wait in engine.waits.items() if wait.catch.trigger is not SCRIPT}
@@ -66,7 +66,7 @@ def _load_known(data: Any, values: Values) -> Any:
 def real_program(
     definitions: Definitions, process: Process, library: Library, host: Host, *, observed: bool
 ) -> Program:
-    """The program that a robot runs. Raises ModelError."""
+    """Return the program that a robot runs. Raises ModelError."""
     files = {home.file: home for home, _ in library.closure(definitions, process)}
 
     def find(name: str, file: str, call: CallActivity) -> tuple[Process, str]:

@@ -38,7 +38,7 @@ Due = tuple[float, int, int, int, str, str]
 
 
 def durations(elements: Iterable[Iterable[Element]]) -> dict[str, float]:
-    """The times that timers and scripts take (s), as far as the model names them."""
+    """Return the times that timers and scripts take (s), as far as the model names them."""
     found = dict[str, float]()
     for one in chain.from_iterable(elements):
         for expression, use in one.texts():

@@ -23,7 +23,7 @@ from fame.scripting.python import parse_python
 
 @lru_cache(maxsize=1024)
 def script_writes(script: Expression) -> frozenset[str]:
-    """The variables that a script sets or changes in place, functions and modules included."""
+    """Return the variables that a script sets or changes in place, functions and modules included."""
     try:
         return names_of(script, True)[1] | code_names(script) | changed_in_place(script)
     except FameError:
@@ -32,7 +32,7 @@ def script_writes(script: Expression) -> frozenset[str]:
 
 @lru_cache(maxsize=1024)
 def may_change(script: Expression) -> frozenset[str]:
-    """The variables whose lists, mappings or objects a script may change by functions, or in JavaScript."""
+    """Return the variables whose lists, mappings or objects a script may change by functions, or in JavaScript."""
     try:
         reads = names_of(script, True)[0]
         if script.language != "python":
@@ -45,7 +45,7 @@ def may_change(script: Expression) -> frozenset[str]:
 
 
 def changed_in_place(script: Expression) -> frozenset[str]:
-    """The variables whose lists, mappings or objects a script in Python changes by items, attributes or methods.
+    """Return the variables whose lists, mappings or objects a script in Python changes by items, attributes or methods.
 
     A name that the script sets to a part of something else may stand for a part of anything that it reads.
     """
@@ -65,7 +65,7 @@ ChangedPlace = tuple[str, bool]
 
 @lru_cache(maxsize=1024)
 def changes_in_place(script: Expression) -> frozenset[ChangedPlace]:
-    """What a script in Python may change in lists, mappings or objects, which other variables may hold too."""
+    """Return what a script in Python may change in lists, mappings or objects, which other variables may hold too."""
     if script.language != "python":
         return frozenset()
     try:
@@ -94,7 +94,7 @@ def _changed_place(node: ast.AST) -> ast.AST | None:
 
 
 def parts_in(node: ast.AST, mappings: Set[str] = frozenset()) -> set[str]:
-    """The names in an expression of whose values it may hold a part; functions give keys of `mappings`."""
+    """Return the names in an expression of whose values it may hold a part; functions give keys of `mappings`."""
     inside: list[ast.AST] = [*ast.iter_child_nodes(node)]
     match node:
         case ast.Name():
@@ -115,7 +115,7 @@ def parts_in(node: ast.AST, mappings: Set[str] = frozenset()) -> set[str]:
 
 
 def mappings_in(tree: ast.AST) -> tuple[set[str], set[str]]:
-    """The names to which a script assigns new mappings or sets, and those to which it assigns other values."""
+    """Return the names to which a script assigns new mappings or sets, and those to which it assigns other values."""
     found = dict[int, str]()
     for node in ast.walk(tree):
         match node:
@@ -128,7 +128,7 @@ def mappings_in(tree: ast.AST) -> tuple[set[str], set[str]]:
 
 
 def new_value(node: ast.AST) -> bool:
-    """Whether the value of an expression is an object of its own, though parts of it need not be."""
+    """Return whether the value of an expression is an object of its own, though parts of it need not be."""
     return isinstance(node, _NEW) or (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
                                       and node.func.id in _FRESH | _COPIES)  # fmt: skip
 
@@ -140,7 +140,7 @@ def _is_fresh(function: ast.AST) -> bool:
 
 
 def changes_parts(tree: ast.AST) -> bool:
-    """Whether a script may change, in place, what is a part of another value."""
+    """Return whether a script may change, in place, what is a part of another value."""
     return bool(_changed(tree) & parts_of(tree))
 
 
@@ -151,7 +151,7 @@ def _changed(tree: ast.AST) -> set[str]:
 
 
 def parts_of(tree: ast.AST) -> set[str]:
-    """The names that a script sets to something that may be a part of another value."""
+    """Return the names that a script sets to something that may be a part of another value."""
     targets: list[ast.AST] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.For | ast.AsyncFor | ast.comprehension):
@@ -215,7 +215,7 @@ _HARMLESS_MODULES = frozenset(("json", "log", "math", "re", "robot", "statistics
 
 @lru_cache(maxsize=1024)
 def only_changed(script: Expression) -> frozenset[str]:
-    """The variables that a script reads only to change them: ``x[k] = ...``, ``x.append(...)``, ``x += ...``."""
+    """Return the variables that a script reads only to change them: ``x[k] = ...``, ``x.append(...)``, ``x += ...``."""
     try:
         tree = parse_python(script)
     except FameError:
@@ -237,13 +237,13 @@ def only_changed(script: Expression) -> frozenset[str]:
 
 @lru_cache(maxsize=1024)
 def certainly_set(script: Expression) -> frozenset[str]:
-    """The variables that a script sets whatever happens, unless it fails."""
+    """Return the variables that a script sets whatever happens, unless it fails."""
     return frozenset(name for statement in _statements(script) for name in _targets(statement))
 
 
 @lru_cache(maxsize=1024)
 def read_first(script: Expression) -> frozenset[str]:
-    """The names that a script may read before it has certainly set them."""
+    """Return the names that a script may read before it has certainly set them."""
     found, done = set[str](), set[str]()
     for statement in _statements(script):
         found |= {
@@ -314,7 +314,7 @@ def _appended_to(node: ast.AST) -> ast.Name | None:
 
 
 def without_items(script: Expression, counted: frozenset[str]) -> Expression:
-    """The script with ``x.append(None)`` for lists of which only the length is read."""
+    """Return the script with ``x.append(None)`` for lists of which only the length is read."""
     if script.language != "python" or "append" not in script.text:
         return script
     try:

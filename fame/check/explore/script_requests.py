@@ -14,7 +14,8 @@ _CODES = {"act": {"aborted", "canceled", "rejected"}, "call": {"script"}}
 
 
 def outcomes(script: model.Expression | None) -> set[str]:
-    """The codes with which the actions and services fail that a script waits for, and that it does not catch itself."""
+    """Return the codes with which the actions and services fail that a script waits for, and that
+    it does not catch itself."""
     if script is None or script.language != "python" or not waits(script):
         return set()
     tree = syntax_tree(script)
@@ -37,7 +38,7 @@ def _catches(handler: ast.ExceptHandler, broad: set[str]) -> bool:
 
 
 def own_codes(script: model.Expression) -> set[str] | None:
-    """The codes that a script raises by itself; None if they are unknown."""
+    """Return the codes that a script raises by itself; None if they are unknown."""
     if script.language != "python" or "BpmnError" not in script.text:
         return None if script.language == "javascript" else set()
     tree = syntax_tree(script)
@@ -54,5 +55,5 @@ def own_codes(script: model.Expression) -> set[str] | None:
 
 
 def computes_codes(script: model.Expression | None) -> bool:
-    """Whether a script in Python raises an error with a code that it computes."""
+    """Return whether a script in Python raises an error with a code that it computes."""
     return script is not None and script.language == "python" and own_codes(script) is None

@@ -36,7 +36,8 @@ _WITHOUT_EFFECT = frozenset(
 
 @lru_cache(maxsize=1024)
 def links(script: Expression) -> tuple[Dependency, ...]:
-    """What depends on what in a script: one link for each statement, or one for all if it is taken as a whole."""
+    """Return what depends on what in a script: one link for each statement, or one for all if it
+    is taken as a whole."""
     statements = _statements(script)
     if statements is None:
         reads, writes = names_of(script, True)
@@ -45,7 +46,7 @@ def links(script: Expression) -> tuple[Dependency, ...]:
 
 
 def sliced(script: Expression, needed: Set[str]) -> Expression:
-    """The script without the statements that set no variable that is needed."""
+    """Return the script without the statements that set no variable that is needed."""
     statements = _statements(script)
     if statements is None or all(loud or writes & needed for _, loud, (_, writes) in statements):
         return script
@@ -111,7 +112,7 @@ def _is_plain(node: ast.AST) -> bool:
 
 
 def unknown_part(value: ast.expr, unknown: Set[str]) -> ast.expr | None:
-    """A part of an expression that is certainly unknown, which makes the whole so; None if there is no such.
+    """Return a part of an expression that is certainly unknown, which makes the whole so; None if there is no such.
 
     A variable with a message from outside is a message of which nothing is known; its fields are unknown.
     """
@@ -135,7 +136,7 @@ def _is_of_numbers(function: ast.expr) -> bool:
 
 
 def without_operations(script: Expression, unknown: Set[str]) -> Expression:
-    """The script with a variable that is certainly unknown in the place of each expression that it makes so."""
+    """Return the script with a variable that is certainly unknown in the place of each expression that it makes so."""
     tree = _tree(script) if unknown else None
     changed = False
     for node in ast.walk(tree) if tree is not None else ():

@@ -61,7 +61,7 @@ class States:
         self._entered: set[str] = set()
 
     def number(self, engine: Engine) -> int | None:
-        """The number of the state that an engine is in; None if it is one that grows without bound."""
+        """Return the number of the state that an engine is in; None if it is one that grows without bound."""
         walk = self.forms.walk(engine)
         grown = growth(engine, walk.scopes)
         if grown is not None:
@@ -83,7 +83,7 @@ class States:
         return number
 
     def after(self, content: int, effect: Effect) -> int:
-        """The number of the state after a step with that effect on variables with that content."""
+        """Return the number of the state after a step with that effect on variables with that content."""
         control, timers, changes = effect[:3]
         contents = () if changes is None else (self.forms.contents.changed(content, changes),)
         state = (self._without_dead((control, contents)), timers)
@@ -113,7 +113,7 @@ class States:
         return number
 
     def variable(self, name: str, value: Any) -> int:
-        """The number of a variable's value; one that has too many of them is unknown from then on."""
+        """Return the number of a variable's value; one that has too many of them is unknown from then on."""
         number = self.values.number(value)
         seen = self._seen.get(name)
         if seen is None:

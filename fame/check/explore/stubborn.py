@@ -69,7 +69,7 @@ class Outlook:
             self._known = False
 
     def sends(self, state: int, given: int) -> int:
-        """The topics that the robot may send from a local state on, if others only send those in `given`."""
+        """Return the topics that the robot may send from a local state on, if others only send those in `given`."""
         view = self._local.views[state]
         passing = given | self._free | self._bits(view.stored)
         flow, sent, size = self._local.liveness, 0, -1
@@ -105,7 +105,8 @@ class Stubborn:
         return self._topics.setdefault(topic, 1 << len(self._topics))
 
     def transitions(self, state: int) -> list[Transition] | None:
-        """The transitions of the smallest stubborn set that is known and leads on; None if it has all of them."""
+        """Return the transitions of the smallest stubborn set that is known and leads on; None if
+        it has all of them."""
         if self._tried >= TRIED and self._found < WORTH * self._tried:
             return None
         product, olds = self.product, self.product.locals_of(state)

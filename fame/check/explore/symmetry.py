@@ -24,7 +24,7 @@ class Symmetry:
         self.groups, self.network, self.top, self._exchanged = groups, network, top, exchanged
 
     def canonical(self, state: int) -> int:
-        """The same state with robots that nothing tells apart in the order of their local states."""
+        """Return the same state with robots that nothing tells apart in the order of their local states."""
         for group in self.groups:
             order = self.order(state, group)
             if order is not None:
@@ -32,7 +32,7 @@ class Symmetry:
         return state
 
     def order(self, state: int, group: tuple[int, ...]) -> tuple[int, ...] | None:
-        """The places of a group in the order of what they are at; None if they are in order."""
+        """Return the places of a group in the order of what they are at; None if they are in order."""
         found = [state >> (robot * BITS) & MASK for robot in group]
         if not state >> self.top:
             if all(first <= second for first, second in pairwise(found)):
@@ -55,7 +55,7 @@ class Symmetry:
         return None if order == tuple(range(len(group))) else order
 
     def permuted(self, state: int, group: tuple[int, ...], order: tuple[int, ...]) -> int:
-        """The state in which the robot at `order[k]` of the group has taken place k."""
+        """Return the state in which the robot at `order[k]` of the group has taken place k."""
         found = [state >> (robot * BITS) & MASK for robot in group]
         network = state >> self.top
         places = {group[old]: group[new] for new, old in enumerate(order)}

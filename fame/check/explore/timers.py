@@ -37,7 +37,7 @@ def canonical_timers(timers: Mapping[int, Timer], keys: Keys) -> Timers:
 
 
 def next_timers(timers: Mapping[int, Timer], alive: Container[int]) -> list[int]:
-    """The timers that may fire now: of each group the earliest."""
+    """Return the timers that may fire now: of each group the earliest."""
     first: dict[Any, int] = {}
     for key, timer in timers.items():
         if key in alive:

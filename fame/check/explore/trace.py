@@ -87,11 +87,12 @@ class Runs:
         return self.places.get(element) or Place(element)
 
     def to(self, at: int, last: Transition | None = None) -> TracedRun:
-        """The shortest run to a state; `last` follows it."""
+        """Return the shortest run to a state; `last` follows it."""
         return self.along(self.chain(at), last=last)
 
     def along(self, chain: Sequence[int], error: str = "", last: Transition | None = None) -> TracedRun:
-        """The run through some states; where one needs an uncaught error more, that of the element `error` if it can.
+        """Return the run through some states; where one needs an uncaught error more, that of the
+        element `error` if it can.
 
         States are several after a step behind which the search went on at once, see `Reduction.settled`.
         """
@@ -114,11 +115,12 @@ class Runs:
         return TracedRun(steps, after, names)
 
     def seen(self, seen: Seen) -> list[Step]:
-        """The run to the first occurrence of something."""
+        """Return the run to the first occurrence of something."""
         return self.to(seen.at, seen.transition).steps
 
     def without_loss(self, topics: Set[str], goals: Container[int]) -> list[int]:
-        """A way to one of some states on which no robot misses a message on one of some topics; empty if none is known.
+        """Return a way to one of some states on which no robot misses a message on one of some
+        topics; empty if none is known.
 
         It leads through the states that were explored without an uncaught error.
         """
@@ -139,7 +141,7 @@ class Runs:
         return shortest([-1], goals, after)[1:]
 
     def chain(self, at: int) -> list[int]:
-        """The numbers of the states on the shortest way to one."""
+        """Return the numbers of the states on the shortest way to one."""
         chain = []
         while at >= 0:
             chain.append(at)
@@ -278,7 +280,7 @@ def _misses(transition: Transition, topics: Set[str] | None = None) -> bool:
 
 
 def waiting(product: Product, state: int) -> list[tuple[int, tuple[tuple[str, str], ...]]]:
-    """The robots that are not done in a state, by place, with (element, topic or "") of what each waits at."""
+    """Return the robots that are not done in a state, by place, with (element, topic or "") of what each waits at."""
     found = []
     for robot in range(product.count):
         old = state >> (robot * BITS) & MASK

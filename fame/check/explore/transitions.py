@@ -74,7 +74,7 @@ Transition = tuple[int, int, Move, Reactions]
 
 
 def is_observed(transition: Transition) -> bool:
-    """Whether something happens in a transition that a property names."""
+    """Return whether something happens in a transition that a property names."""
     _, _, move, reactions = transition
     return bool(move.successor.events) or any(done.successor.events for _, done in reactions)
 

@@ -151,7 +151,7 @@ class Values:
         return len(self._made)
 
     def number(self, value: Any) -> int:
-        """The number of a value; that of the unknown one for what is not plain data or a message."""
+        """Return the number of a value; that of the unknown one for what is not plain data or a message."""
         kind = value.__class__
         if kind in _ATOMS:
             key: Any = (kind, value)
@@ -221,11 +221,11 @@ class Values:
         self._places[id(value)] = number
 
     def is_constant(self, number: Any) -> bool:
-        """Whether the value of a number is always the same one, since nothing can change it."""
+        """Return whether the value of a number is always the same one, since nothing can change it."""
         return number in self._constants
 
     def value(self, number: int) -> Any:
-        """The value of a number, made anew if it can be changed."""
+        """Return the value of a number, made anew if it can be changed."""
         if number in self._constants:
             return self._constants[number]
         if number == UNKNOWN:
@@ -245,7 +245,7 @@ class Values:
         return message
 
     def text(self, number: int, width: int = 60) -> str:
-        """The known part of a value, for people; empty if nothing is known."""
+        """Return the known part of a value, for people; empty if nothing is known."""
         shown = self._known(self.value(number))
         text = "" if shown in (None, {}) else repr(shown)
         return text if len(text) <= width else f"{text[: width - 3]}..."
@@ -264,7 +264,8 @@ class Values:
     # ---- messages ------------------------------------------------------------------------------------
 
     def message(self, type_name: str, value: Any) -> Any:
-        """A message of that type with a payload whose parts may be unknown. Raises MessageError if it does not fit."""
+        """Return a message of that type with a payload whose parts may be unknown. Raises
+        MessageError if it does not fit."""
         if is_unknown(value):
             return self.unknown_message(type_name)
         known, unknown = self._split(value)
@@ -274,7 +275,7 @@ class Values:
         return message
 
     def unknown_message(self, type_name: str) -> Any:
-        """A message of which nothing is known but its type; the unknown value if FAME does not know that."""
+        """Return a message of which nothing is known but its type; the unknown value if FAME does not know that."""
         try:
             message = messages.create(type_name)
         except FameError:
@@ -305,7 +306,7 @@ class Values:
 
 
 def is_fixed(value: Any) -> bool:
-    """Whether nothing can change a value: it is a number, a text, a tuple of such, or a message."""
+    """Return whether nothing can change a value: it is a number, a text, a tuple of such, or a message."""
     return _is_constant(value) or hasattr(value, "__msgtype__")
 
 
@@ -315,7 +316,7 @@ def _is_constant(value: Any) -> bool:
 
 
 def holds_unknown(value: Any) -> bool:
-    """Whether something unknown is somewhere in a list, or in a mapping or message of one."""
+    """Return whether something unknown is somewhere in a list, or in a mapping or message of one."""
     if isinstance(value, dict):
         return any(map(holds_unknown, value.values()))
     if isinstance(value, list | tuple):

@@ -42,7 +42,8 @@ class View:
 def view_of(
     engine: Engine, keys: Keys, found: Stimuli, host: ExplorationHost, outside: Sequence[str], topics: Interned
 ) -> View:
-    """What can happen in the state that an engine is in; stimuli have the keys of an engine revived from the state.
+    """Return what can happen in the state that an engine is in; stimuli have the keys of an engine
+    revived from the state.
 
     found    the stimuli that the engine accepts
     outside  topics on which anything may come from outside of the team
@@ -85,6 +86,6 @@ def _is_dropped(engine: Engine, topic: str) -> bool:
 
 
 def element_of(view: View, stimulus: Stimulus) -> str:
-    """The id of the element that an own stimulus is for; "" for one of a topic."""
+    """Return the id of the element that an own stimulus is for; "" for one of a topic."""
     kind = "end" if stimulus[0] == "block" else stimulus[0]
     return next(one for own, one in zip(view.own, view.elements, strict=True) if own[:2] == (kind, stimulus[1]))

@@ -52,7 +52,8 @@ check_version()
 
 
 def policies_at(pointer: int) -> tuple[QoS, dict[str, str]]:
-    """The policies by which an endpoint matches others, and the entries of its user data. `pointer` is Cyclone's."""
+    """Return the policies by which an endpoint matches others, and the entries of its user data.
+    `pointer` is Cyclone's."""
     get: Any = _CQos
     policies = ctypes.c_void_p(pointer)
     reliability, durability, liveliness = dds_c_t.reliability(), dds_c_t.durability(), dds_c_t.liveliness()
@@ -77,7 +78,7 @@ def policies_at(pointer: int) -> tuple[QoS, dict[str, str]]:
 
 
 def user_data(data: bytes) -> dict[str, str]:
-    """The entries of the user data of a participant or endpoint: ``key=value;`` each."""
+    """Return the entries of the user data of a participant or endpoint: ``key=value;`` each."""
     return dict(entry.split("=", 1) for entry in data.decode("utf-8", "replace").split(";") if "=" in entry)
 
 
@@ -106,7 +107,7 @@ class KeyedWaitSet:
         self._waitset._waitset_detach(self._waitset._ref, entity._ref)
 
     def wait(self, timeout: int) -> list[int]:
-        """The keys of entities that have something, at most 64 at once, or none after `timeout` ns."""
+        """Return the keys of entities that have something, at most 64 at once, or none after `timeout` ns."""
         number = self._waitset._waitset_wait(self._waitset._ref, self._keys, _MAX_REPORTED, timeout)
         if number < 0:
             raise DDSException(number, "waiting for data")

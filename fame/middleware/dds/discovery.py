@@ -137,12 +137,12 @@ class Discovery:
         return came, went
 
     def all_endpoints(self) -> list[DiscoveredEndpoint]:
-        """All endpoints, in the order in which they came."""
+        """Return all endpoints, in the order in which they came."""
         with self._lock:
             return list(self.endpoints.values())
 
     def on_topic(self, topic: str) -> list[DiscoveredEndpoint]:
-        """The endpoints of a DDS topic."""
+        """Return the endpoints of a DDS topic."""
         return [endpoint for endpoint in self.all_endpoints() if endpoint.topic == topic]
 
     def all_nodes(self) -> list[NodeEntry]:
@@ -193,13 +193,13 @@ def _samples(reader: DataReader[Any]) -> Iterator[Any]:
 
 
 def pack_nodes(participant: bytes, nodes: Iterable[NodeEntry]) -> bytes:
-    """The gid of a participant and its nodes, as CDR."""
+    """Return the gid of a participant and its nodes, as CDR."""
     parts = [_pack_node(node) for node in nodes]
     return b"".join((LITTLE, participant, struct.pack("<I", len(parts)), *parts))
 
 
 def unpack_nodes(data: bytes) -> tuple[bytes, tuple[NodeEntry, ...]]:
-    """The inverse of `pack_nodes`. Raises MessageError for data that are not from a ROS node."""
+    """Return the inverse of `pack_nodes`. Raises MessageError for data that are not from a ROS node."""
     try:
         return _unpack_nodes(data)
     except (KeyError, ValueError, struct.error) as error:

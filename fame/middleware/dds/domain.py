@@ -79,7 +79,7 @@ def configuration(network: str | None) -> str:
 
 
 def open_domain(number: int, network: str | None) -> Domain:
-    """The domain, opened with the configuration of `network` if this process has not opened it yet.
+    """Return the domain, opened with the configuration of `network` if this process has not opened it yet.
 
     It closes with its last user. Raises ConfigError if it is open on another network, or does not exist.
     """
@@ -98,7 +98,7 @@ def open_domain(number: int, network: str | None) -> Domain:
 
 
 def confined(number: int) -> bool:
-    """Whether an open domain receives nothing from other machines: on loopback, where the platform allows it."""
+    """Return whether an open domain receives nothing from other machines: on loopback, where the platform allows it."""
     return _confined[number]
 
 
@@ -145,7 +145,7 @@ def bind_to_loopback(domain: int) -> bool:
 
 
 def sockets(domain: int) -> Iterator[socket.socket]:
-    """A duplicate of each UDP socket of this process on a port of the domain, to be closed by the caller."""
+    """Yield a duplicate of each UDP socket of this process on a port of the domain, to be closed by the caller."""
     first = _FIRST_PORT + _PORTS * domain
     for entry in os.listdir("/dev/fd"):
         try:

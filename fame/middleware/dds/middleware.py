@@ -51,7 +51,7 @@ class DdsMiddleware(WireMiddleware):
         return DdsNode(self, name, namespace.strip("/"), part)
 
     def graph(self) -> list[TopicInfo]:
-        """Every ROS topic of the domain that has an endpoint, in the order of names, without services."""
+        """Return every ROS topic of the domain that has an endpoint, in the order of names, without services."""
         self.refresh()
         discovery = self.participant.discovery
         owners, topics = discovery.owners(), dict[str, list[DiscoveredEndpoint]]()
@@ -113,7 +113,7 @@ class DdsNode(WireNode):
         super().__init__(middleware, name, namespace, part)
 
     def entry(self) -> NodeEntry:
-        """The node as it is announced to the domain, with its other parts."""
+        """Return the node as it is announced to the domain, with its other parts."""
         readers, writers = list[bytes](), list[bytes]()
         for part in (self, *self.others()):
             readers += [*(end.gid for end in part.subscriptions), *(end.exchange.reader_gid for end in part.services)]

@@ -94,7 +94,7 @@ class Participant:
         delete(entity)
 
     def owner(self, gid: bytes) -> str:
-        """The full name of the node of an endpoint."""
+        """Return the full name of the node of an endpoint."""
         self.refresh()
         return self.discovery.owners().get(gid, UNKNOWN_NODE)
 
@@ -106,12 +106,12 @@ class Participant:
         return [(server.type.removesuffix("_Request"), owners.get(server.gid, UNKNOWN_NODE)) for server in found]
 
     def servers(self, name: str) -> list[DiscoveredEndpoint]:
-        """The endpoint of each service of that name that takes its requests, as of the last `refresh`."""
+        """Return the endpoint of each service of that name that takes its requests, as of the last `refresh`."""
         topic = wire.dds_topic(name, wire.REQUEST, "Request")
         return [endpoint for endpoint in self.discovery.on_topic(topic) if not endpoint.writes]
 
     def subscriptions(self, topic: str, type: str, offered: QoS) -> int:
-        """How many subscriptions match a publisher of that topic, type and quality of service."""
+        """Return how many subscriptions match a publisher of that topic, type and quality of service."""
         return sum(
             not other.writes and other.type == type and compatible(offered, other.qos) is None
             for other in self.discovery.on_topic(wire.dds_topic(topic))

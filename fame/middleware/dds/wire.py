@@ -46,7 +46,7 @@ _LARGEST_BOUND = 65535
 
 
 def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
-    """The DDS topic of a full name. Raises MessageError for a name that ROS 2 and DDS refuse.
+    """Return the DDS topic of a full name. Raises MessageError for a name that ROS 2 and DDS refuse.
 
     >>> dds_topic("/REX/odom"), dds_topic("/grip", REQUEST, "Request")
     ('rt/REX/odom', 'rq/gripRequest')
@@ -56,7 +56,7 @@ def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
 
 
 def service_of(topic: str) -> str:
-    """The service (full name) whose requests go to a DDS topic; empty for another topic.
+    """Return the service (full name) whose requests go to a DDS topic; empty for another topic.
 
     >>> service_of("rq/gripRequest"), service_of("rt/odom")
     ('/grip', '')
@@ -66,18 +66,19 @@ def service_of(topic: str) -> str:
 
 
 def type_hash(name: str) -> str:
-    """The entry of the USER_DATA of an endpoint by which ROS 2 compares the types of two endpoints."""
+    """Return the entry of the USER_DATA of an endpoint by which ROS 2 compares the types of two endpoints."""
     return f"typehash={codec.type_hash(name)};"
 
 
 def handle(value: int) -> int:
-    """The instance handle of an entity. cyclonedds gives it signed in some places and unsigned in others."""
+    """Return the instance handle of an entity. cyclonedds gives it signed in some places and unsigned in others."""
     return value & 0xFFFF_FFFF_FFFF_FFFF
 
 
 @cache
 def declared(name: str, header: bool) -> Any:
-    """The class that declares a type to Cyclone: ``declared(...)(data)`` holds CDR, which is its attribute `data`.
+    """Return the class that declares a type to Cyclone: ``declared(...)(data)`` holds CDR, which
+    is its attribute `data`.
 
     `header` puts the two numbers of a service's request or response before the fields.
     """
@@ -169,7 +170,7 @@ class Entities:
                 self._others[0].topic(f"{_KEPT}/{type}/{header}", type, header)
 
     def writer(self, topic: str, type: str, qos: QoS, user_data: str, *, header: bool = False) -> DataWriter[Any]:
-        """A writer on a DDS topic (``rt/odom``) of a ROS type. Raises MessageError if Cyclone refuses it.
+        """Return a writer on a DDS topic (``rt/odom``) of a ROS type. Raises MessageError if Cyclone refuses it.
 
         `header` is for the topics of services, see `declared`.
         """
@@ -180,7 +181,7 @@ class Entities:
             raise _refused(topic, type, error) from None
 
     def reader(self, topic: str, type: str, qos: QoS, user_data: str, *, header: bool = False) -> DataReader[Any]:
-        """A reader on a DDS topic. Raises as `writer`."""
+        """Return a reader on a DDS topic. Raises as `writer`."""
         try:
             shared = self.topic(topic, type, header)
             return DataReader(self.participant, shared, to_dds(qos, user_data, False))
@@ -195,7 +196,7 @@ class Entities:
 
 
 def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
-    """The instance handles of all endpoints that one is connected to now.
+    """Return the instance handles of all endpoints that one is connected to now.
 
     cyclonedds asks for their number, and then for that many: if one is added in between, it reads beyond its array.
     """
@@ -208,7 +209,7 @@ def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
 
 
 def numbered_time(number: int) -> int:
-    """The source time (ns) of a message, whose last 20 bits (1 ms) number the messages of a publisher.
+    """Return the source time (ns) of a message, whose last 20 bits (1 ms) number the messages of a publisher.
 
     DDS numbers them too, but Cyclone does not tell the numbers, nor that messages are missing.
     """
@@ -216,7 +217,7 @@ def numbered_time(number: int) -> int:
 
 
 def missing(last: int, now: int) -> int:
-    """How many messages are missing between two source times of a publisher that is `NUMBERED`."""
+    """Return how many messages are missing between two source times of a publisher that is `NUMBERED`."""
     return (now - last - 1) % _NUMBERS
 
 
@@ -228,7 +229,7 @@ def _refused(topic: str, type: str, error: DDSException) -> MessageError:
 
 
 def to_dds(qos: QoS, user_data: str, writes: bool) -> Qos:
-    """The policies of a writer or reader. `user_data` is what ROS reads of it: ``typehash=RIHS01_...;``."""
+    """Return the policies of a writer or reader. `user_data` is what ROS reads of it: ``typehash=RIHS01_...;``."""
     policies = [
         Policy.Reliability.Reliable(_PATIENCE) if qos.reliability == "reliable" else Policy.Reliability.BestEffort,
         _history(qos),

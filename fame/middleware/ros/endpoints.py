@@ -66,12 +66,12 @@ def ros_class(name: str) -> Any:
 
 
 def to_ros(message: AnyMessage, kind: Any) -> Any:
-    """A message as one of rclpy's class `kind`."""
+    """Return a message as one of rclpy's class `kind`."""
     return deserialize_message(codec.serialize(message), kind)
 
 
 def from_ros(message: Any, type: str) -> AnyMessage:
-    """A message of rclpy as one of ours."""
+    """Return a message of rclpy as one of ours."""
     return codec.deserialize(serialize_message(message), type)
 
 
@@ -89,7 +89,7 @@ def profile(qos: QoS) -> QoSProfile:
 
 
 def from_profile(found: QoSProfile) -> QoS:
-    """The policies by which an endpoint matches others."""
+    """Return the policies by which an endpoint matches others."""
     return QoS(
         reliability="best_effort" if found.reliability == ReliabilityPolicy.BEST_EFFORT else "reliable",
         durability="transient_local" if found.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile",
@@ -109,7 +109,7 @@ class RosEndpoint:
 
 
 def owner(end: Any) -> str:
-    """The full name of the node of an endpoint of the graph (rclpy's TopicEndpointInfo)."""
+    """Return the full name of the node of an endpoint of the graph (rclpy's TopicEndpointInfo)."""
     if end.node_name == UNKNOWN_NODE.strip("/"):
         return UNKNOWN_NODE  # its namespace is of the same kind
     return resolve(end.node_name, end.node_namespace.strip("/"))
@@ -278,7 +278,7 @@ class RosSubscription(WireSubscription):
             ros.waiter.add(self._end, self._take_all)
 
     def matches(self, publisher: RosPublisher) -> bool:
-        """Whether it is connected to a publisher of its own node."""
+        """Return whether it is connected to a publisher of its own node."""
         return publisher.topic == self.topic and compatible(publisher.qos, self.qos) is None
 
     def expect_echo(self, publisher: RosPublisher, sent: Iterable[bytes]) -> None:
@@ -398,7 +398,8 @@ class RosClient(WireClient):
         return not self.closed and bool(self._end.service_is_ready())
 
     def servers(self) -> frozenset[int]:
-        """The servers, as numbers. ROS only counts them: of one that has left, this takes it that it was the oldest."""
+        """Return the servers, as numbers. ROS only counts them: of one that has left, this takes
+        it that it was the oldest."""
         there = self._ros.node.count_services(self.name)
         del self._servers[: max(0, len(self._servers) - there)]
         self._servers += [next(self._numbers) for _ in range(there - len(self._servers))]

@@ -96,19 +96,19 @@ class RosMiddleware(WireMiddleware):
         return RosNode(self, name, namespace.strip("/"), part)
 
     def shared(self, name: str, namespace: str, part: str) -> Node | None:
-        """The node of rclpy that a new node shares: that of the other parts, or the observer; else None."""
+        """Return the node of rclpy that a new node shares: that of the other parts, or the observer; else None."""
         if name.startswith("_"):
             return self.observer
         requested = name, namespace
         return next((node.ros for node in self.nodes if part and node.part and node.requested == requested), None)
 
     def graph(self) -> list[TopicInfo]:
-        """Every topic that has an endpoint, in the order of names; without those that every node of ROS has."""
+        """Return every topic that has an endpoint, in the order of names; without those that every node of ROS has."""
         topics = dict(self.observer.get_topic_names_and_types())
         return [self._info(name, topics[name]) for name in sorted(topics) if name not in _OF_EVERY_NODE]
 
     def namespaces(self) -> list[str]:
-        """The namespaces of all nodes but hidden ones."""
+        """Return the namespaces of all nodes but hidden ones."""
         nodes = self.observer.get_node_names_and_namespaces()
         return sorted({space.strip("/") for name, space in nodes if name[0] != "_"} - {""})
 
@@ -231,7 +231,7 @@ def _names(node: Node) -> tuple[str, str]:
 
 
 def ros_arguments(words: list[str]) -> list[str]:
-    """The ROS arguments of a command line: from ``--ros-args`` on.
+    """Return the ROS arguments of a command line: from ``--ros-args`` on.
 
     >>> ros_arguments(["fame", "engine", "REX", "--ros-args", "-p", "use_sim_time:=true"])
     ['--ros-args', '-p', 'use_sim_time:=true']

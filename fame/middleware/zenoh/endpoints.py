@@ -69,13 +69,13 @@ class _Declared:
             self._middleware.report_mismatches(self.entity)
 
     def others(self, kind: EntityKind) -> list[Entity]:
-        """The endpoints of that kind with the same key."""
+        """Return the endpoints of that kind with the same key."""
         same_type = self.entity.type, self.entity.type_hash
         named = self._middleware.entities.named(self.entity.name, kind)
         return [other for other in named if (other.type, other.type_hash) == same_type]
 
     def matching(self, kind: EntityKind) -> list[Entity]:
-        """The publishers or subscriptions of other nodes that it is connected to."""
+        """Return the publishers or subscriptions of other nodes that it is connected to."""
         mine = self.entity
         found = [other for other in self.others(kind) if not self._node.owns(other)]
         if kind == tokens.PUBLISHER:
@@ -126,7 +126,7 @@ class ZenohPublisher(WirePublisher):
             subscription.receive_here(number, self.gid, data)
 
     def connected(self) -> list[Entity]:
-        """The subscriptions of other nodes that it matches."""
+        """Return the subscriptions of other nodes that it matches."""
         return self._declared.matching(tokens.SUBSCRIPTION)
 
     def subscriber_count(self) -> int:

@@ -88,13 +88,13 @@ class Graph:
             return entity
 
     def all(self) -> list[Entity]:
-        """All nodes and endpoints, in the order in which they came."""
+        """Return all nodes and endpoints, in the order in which they came."""
         self._update()
         with self._lock:
             return list(self._entities.values())
 
     def topics(self) -> list[TopicInfo]:
-        """All topics, in the order of names; the same list until something changes."""
+        """Return all topics, in the order of names; the same list until something changes."""
         self._update()
         with self._lock:
             if self._topics is None:
@@ -106,7 +106,7 @@ class Graph:
             return self._topics
 
     def nodes(self) -> list[str]:
-        """The names of all nodes, in order; the same list until something changes."""
+        """Return the names of all nodes, in order; the same list until something changes."""
         self._update()
         with self._lock:
             if self._nodes is None:
@@ -114,7 +114,7 @@ class Graph:
             return self._nodes
 
     def named(self, name: str, kind: EntityKind) -> list[Entity]:
-        """The endpoints of a topic or service (full name) of one kind."""
+        """Return the endpoints of a topic or service (full name) of one kind."""
         self._update()
         with self._lock:
             return list(self._names.get((name, kind), {}).values())
@@ -220,7 +220,7 @@ class ZenohMiddleware(WireMiddleware):
         return len(publisher.connected())
 
     def next_id(self) -> int:
-        """A number for a node or an endpoint of this session."""
+        """Return a number for a node or an endpoint of this session."""
         return next(self._ids)
 
     def declare(self, entity: Entity) -> Any:
@@ -357,7 +357,7 @@ class ZenohNode(WireNode):
                 self.middleware.withdraw(self.entity, self._token)
 
     def owns(self, entity: Entity) -> bool:
-        """Whether an endpoint is one of this part of the node."""
+        """Return whether an endpoint is one of this part of the node."""
         if entity.session != self.entity.session:
             return False
         tokens_of_it = {end.token for end in self.publishers} | {end.token for end in self.subscriptions}

@@ -74,7 +74,7 @@ _PEER: dict[str, Any] = {
 
 
 def open_session(domain: int, network: str | None, *, crowd: int = 0) -> zenoh.Session:
-    """A session for the processes of a domain; with `crowd`, for one of so many of this machine.
+    """Return a session for the processes of a domain; with `crowd`, for one of so many of this machine.
 
     `network` None keeps everything on this machine, without a router. Else it names routers, as `locators` takes them,
     or it is the path of a configuration file, which names them. Raises ConfigError.
@@ -89,7 +89,8 @@ def open_session(domain: int, network: str | None, *, crowd: int = 0) -> zenoh.S
 
 
 def take_over(domain: int, crowd: int = 0) -> zenoh.Session | None:
-    """A session that listens where processes of the domain meet, a `crowd` among them; None if another process does."""
+    """Return a session that listens where processes of the domain meet, a `crowd` among them; None
+    if another process does."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -109,7 +110,7 @@ def _confined(crowd: int) -> dict[str, Any]:
 
 
 def open_router(listen: Iterable[str], others: Iterable[str], file: Path | None = None) -> zenoh.Session:
-    """A router that listens at some addresses, and connects to other routers. Raises ConfigError."""
+    """Return a router that listens at some addresses, and connects to other routers. Raises ConfigError."""
     ends = {"mode": "router", "listen/endpoints": list(listen), "connect/endpoints": list(others)}
     return _open(_SETTINGS | ends | {"scouting/delay": 0}, file)
 
@@ -124,7 +125,7 @@ def locators(text: str) -> list[str]:
 
 
 def configuration_file(network: str) -> Path | None:
-    """The file, if `network` is the path of one."""
+    """Return the file, if `network` is the path of one."""
     return Path(network) if network.startswith("/") else None
 
 

@@ -53,7 +53,7 @@ class Attachment(NamedTuple):
 
 
 def attachment(number: int, gid: bytes) -> bytes:
-    """The attachment of a message that is sent now."""
+    """Return the attachment of a message that is sent now."""
     return _ATTACHMENT.pack(number, time.time_ns(), _GID, gid)
 
 
@@ -62,7 +62,7 @@ ACKNOWLEDGED = 2**62
 
 
 def read_attachment(data: bytes) -> Attachment:
-    """The attachment that `data` hold. Raises MessageError if ROS does not write such data."""
+    """Return the attachment that `data` hold. Raises MessageError if ROS does not write such data."""
     if len(data) != _ATTACHMENT.size or data[16] != _GID:
         raise MessageError(f"expected an attachment of {_ATTACHMENT.size} bytes as ROS has it, got {len(data)} bytes")
     number, sent, _, gid = _ATTACHMENT.unpack(data)
@@ -92,7 +92,7 @@ class Entity:
 
 
 def topic_key(domain: int, name: str, type: str, type_hash: str) -> str:
-    """The key expression of the messages on a topic, or of the requests to a service (full name).
+    """Return the key expression of the messages on a topic, or of the requests to a service (full name).
 
     >>> topic_key(0, "/chatter", "std_msgs/msg/String", "RIHS01_df66")
     '0/chatter/std_msgs::msg::dds_::String_/RIHS01_df66'
@@ -101,7 +101,7 @@ def topic_key(domain: int, name: str, type: str, type_hash: str) -> str:
 
 
 def node_token(domain: int, session: str, node_id: int, namespace: str, name: str) -> str:
-    """The token of a node.
+    """Return the token of a node.
 
     >>> node_token(0, "af1", 0, "REX", "engine")
     '@ros2_lv/0/af1/0/0/NN/%/%REX/engine'
@@ -116,7 +116,7 @@ def endpoint_token(node: str, kind: EntityKind, id: int, name: str, type: str, t
 
 
 def read_token(token: str) -> Entity | None:
-    """The node or endpoint of a token; None for a token that is not one of ROS."""
+    """Return the node or endpoint of a token; None for a token that is not one of ROS."""
     parts = token.split("/")
     if len(parts) < 9 or len(token) > _MAX_TOKEN or parts[0] != ROOT or parts[5] not in KINDS:
         return None
@@ -138,14 +138,14 @@ def read_token(token: str) -> Entity | None:
 
 
 def entity(token: str) -> Entity:
-    """The node or endpoint of a token that was made here."""
+    """Return the node or endpoint of a token that was made here."""
     found = read_token(token)
     assert found is not None, token
     return found
 
 
 def gid_of(token: str) -> bytes:
-    """The gid of an endpoint: both halves of the hash begin with their lowest byte."""
+    """Return the gid of an endpoint: both halves of the hash begin with their lowest byte."""
     return xxhash.xxh3_128_digest(token.encode())[::-1]
 
 
@@ -153,7 +153,7 @@ def gid_of(token: str) -> bytes:
 
 
 def qos_text(qos: QoS) -> str:
-    """The quality of service in a token: ROS's numbers of the policies, where they differ from its defaults.
+    """Return the quality of service in a token: ROS's numbers of the policies, where they differ from its defaults.
 
     >>> qos_text(QoS(depth=7)), qos_text(QoS(reliability="best_effort", depth=5, deadline=0.5))
     ('::,7:,:,:,,', '2::,5:0,500000000:,:,,')
@@ -168,7 +168,7 @@ def qos_text(qos: QoS) -> str:
 
 @lru_cache(maxsize=1000)
 def read_qos(text: str) -> QoS:
-    """The inverse of `qos_text`. Raises ValueError."""
+    """Return the inverse of `qos_text`. Raises ValueError."""
     reliability, durability, history, deadline, lifespan, liveliness = text.split(":")[:6]
     kind, _, depth = history.partition(",")
     alive, _, lease = liveliness.partition(",")

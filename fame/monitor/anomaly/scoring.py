@@ -68,7 +68,7 @@ class Scorer:
             tracker.reset()
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> PointVerdict:
-        """One point: values of the joints in the model's order, and its time (s) if known."""
+        """Return one point: values of the joints in the model's order, and its time (s) if known."""
         readings = [tracker.step(values, stamp) for tracker in self._trackers]
         votes = tuple(reading.anomalous for reading in readings)
         if True not in votes:

@@ -22,8 +22,8 @@ from fame.monitor.pipeline.detectors import Several, combined
 def set_threshold(
     candidate: CandidateClassifier, learning: Learning, whole: Recording, held: Sequence[float] | None
 ) -> tuple[float, str, Calibration | None]:
-    """The threshold, what is wrong with it, and its calibration if a rate of false alarms is asked for; `held` are the
-    scores of the runs, each by a classifier that was fitted without it."""
+    """Return the threshold, what is wrong with it, and its calibration if a rate of false alarms is asked for; `held`
+    are the scores of the runs, each by a classifier that was fitted without it."""
     given = 0.0 if candidate.threshold in ("auto", None) else float(candidate.threshold or 0.0)
     if learning.false_alarms:
         return _calibrated(learning, whole, held, given)

@@ -130,7 +130,7 @@ def _compiled(pattern: str, flags: str) -> tuple[_Step, ...]:
 
 
 def matches(text: str, pattern: str, flags: str = "") -> Iterator[Groups]:
-    """All matches from left to right, none inside another. Raises ValueError for an invalid pattern."""
+    """Yield all matches from left to right, none inside another. Raises ValueError for an invalid pattern."""
     program, start = _compiled(pattern, flags), 0
     while start <= len(text):
         found = _search(program, text, start)

@@ -48,7 +48,7 @@ def _item_scope(variables: Mapping[str, Any], item: Any) -> Variables:
 
 
 def scope(variables: Mapping[str, Any], names: Mapping[str, Any]) -> Variables:
-    """The variables with these before them."""
+    """Return the variables with these before them."""
     return Variables(variables if isinstance(variables, dict) else dict(variables), names)
 
 
@@ -182,7 +182,7 @@ class Lambda:
         self._body, self._variables = body, variables
 
     def apply(self, *values: Any) -> Any:
-        """Its result. Raises TypeError for another number of arguments."""
+        """Return its result. Raises TypeError for another number of arguments."""
         spend()
         if len(values) != len(self.names):
             raise TypeError(f"a function of {len(self.names)} arguments was given {len(values)}")

@@ -61,7 +61,7 @@ class Moment:
 
 
 def are_times(left: Any, right: Any) -> bool:
-    """Whether one is, and the other may be: what a variable brings back from a file is plain text."""
+    """Return whether one is, and the other may be: what a variable brings back from a file is plain text."""
     return (left.__class__ is Temporal and isinstance(right, str)) or (
         right.__class__ is Temporal and isinstance(left, str)
     )
@@ -69,7 +69,7 @@ def are_times(left: Any, right: Any) -> bool:
 
 @lru_cache(1024)
 def parsed(text: str) -> Moment | Duration:
-    """The moment or duration that a text denotes. Raises ValueError."""
+    """Return the moment or duration that a text denotes. Raises ValueError."""
     text = str(text).strip()
     if text.startswith("-P"):
         return -1 * parse_duration(text[1:])
@@ -85,7 +85,7 @@ def parsed(text: str) -> Moment | Duration:
 
 
 def zone_of(text: str) -> tuple[tzinfo, str]:
-    """A zone by offset or name, and how it is written behind a time. Raises ValueError."""
+    """Return a zone by offset or name, and how it is written behind a time. Raises ValueError."""
     if text in ("", "Z"):
         return UTC, text
     if text[0] in "+-":
@@ -96,7 +96,7 @@ def zone_of(text: str) -> tuple[tzinfo, str]:
 
 
 def moment(value: Any, *kinds: str) -> Moment:
-    """A value as a moment of one of these kinds. Raises ValueError."""
+    """Return a value as a moment of one of these kinds. Raises ValueError."""
     found = parsed(value) if isinstance(value, str) else None
     if not isinstance(found, Moment) or found.kind not in kinds:
         raise ValueError(f"{value!r} is no {' or '.join(kinds)}")
@@ -104,7 +104,7 @@ def moment(value: Any, *kinds: str) -> Moment:
 
 
 def temporal(value: Moment | Duration) -> Temporal:
-    """The text of a moment or duration. Raises ValueError for one without text: too long, or of mixed sign."""
+    """Return the text of a moment or duration. Raises ValueError for one without text: too long, or of mixed sign."""
     if not isinstance(value, Duration):
         return Temporal(value)
     if value.months * value.rest < 0 or abs(value.months) >= _LONGEST * 12 or abs(value.rest) >= _LONGEST * DAY:
@@ -144,7 +144,7 @@ def compared(compare: Callable[[Any, Any], bool], left: str, right: str) -> bool
 
 
 def computed(compute: Callable[[Any, Any], Any], left: Any, right: Any) -> Any:
-    """A sum, difference, product or quotient; null for what has none. Raises ValueError, ArithmeticError."""
+    """Return a sum, difference, product or quotient; null for what has none. Raises ValueError, ArithmeticError."""
     spend(10 * PASS)
     first = left if is_number(left) else parsed(left)
     second = right if is_number(right) else parsed(right)
@@ -249,7 +249,7 @@ class Range:
     with_high: bool = True
 
     def has(self, value: Any) -> bool | None:
-        """Whether it lies between the ends; null if that has no order."""
+        """Return whether it lies between the ends; null if that has no order."""
         above = order(operator.ge if self.with_low else operator.gt, value, self.low)
         below = order(operator.le if self.with_high else operator.lt, value, self.high)
         return None if above is None or below is None else above and below
@@ -275,7 +275,7 @@ def equal(left: Any, right: Any) -> bool | None:
 
 
 def identity(value: Any) -> Any:
-    """A hashable key of a value: equal for equal values only."""
+    """Return a hashable key of a value: equal for equal values only."""
     if value.__class__ in (str, int, float, type(None)):
         return value
     spend(1)

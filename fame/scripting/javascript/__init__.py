@@ -29,7 +29,7 @@ __all__ = ["HOST_API", "HostApi", "JavaScriptError", "compile_javascript"]
 def compile_javascript(
     expression: Expression, *, script: bool, file: str = "", element: str = ""
 ) -> Callable[[dict[str, Any]], Any]:
-    """A callable of the variables: a script gives None or a suspended script, an expression its value.
+    """Return a callable of the variables: a script gives None or a suspended script, an expression its value.
 
     Raises ModelError (file, line, element) if the text is not JavaScript, UnavailableError if its engine is not
     installed. The callable raises BpmnError for errors with a code, else JavaScriptError, or MessageError.
@@ -46,7 +46,7 @@ def _evaluate(script: SourceText, variables: dict[str, Any]) -> Any:
 
 
 def realm_of(variables: dict[str, Any]) -> Realm:
-    """The realm of the scripts with these variables, created at its first use and kept in their interface."""
+    """Return the realm of the scripts with these variables, created at its first use and kept in their interface."""
     names = variables.get(BUILTINS)
     if names.__class__ is dict and REALM in names:
         return names[REALM]  # type: ignore[no-any-return]

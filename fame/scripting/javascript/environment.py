@@ -52,7 +52,7 @@ class Environment:
         self._watched: dict[str, bytes | None] = {}  # mutable ones, with their last `_mark`
 
     def changes(self, realm: Realm) -> tuple[str | None, Sequence[str]]:
-        """The changes to send, as text, and the names of objects of JavaScript, which cannot be sent as text."""
+        """Return the changes to send, as text, and the names of objects of JavaScript, which cannot be sent as text."""
         view = self.variables if self.lasting else _chained(self.variables)
         known = self._known
         if len(known) == len(view) and all(map(is_, known.values(), view.values())) and [*known] == [*view]:
@@ -143,7 +143,7 @@ class Environment:
 
 
 def is_native(value: Any) -> bool:
-    """Whether a value is an object of JavaScript."""
+    """Return whether a value is an object of JavaScript."""
     return type(value).__module__ == "_quickjs"
 
 

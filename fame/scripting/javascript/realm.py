@@ -155,7 +155,7 @@ class Realm:
             self._forget_if_done(run)
 
     def expects(self, number: int) -> bool:
-        """Whether a callback may still come."""
+        """Return whether a callback may still come."""
         return number in self._expected
 
     def fail(self, number: int, error: BaseException) -> None:

@@ -61,7 +61,7 @@ def reporting(context: Any) -> Iterator[None]:
 
 @cache
 def failure() -> type[Exception]:
-    """The exception that a context raises."""
+    """Return the exception that a context raises."""
     import quickjs
 
     raised: type[Exception] = quickjs.JSException
@@ -69,7 +69,8 @@ def failure() -> type[Exception]:
 
 
 def explain(text: str) -> str:
-    """The message of the engine, naming the limit that was reached. Without memory for an error it throws null."""
+    """Return the message of the engine, naming the limit that was reached. Without memory for an
+    error it throws null."""
     if text == "InternalError: interrupted":
         return f"one step of the script took more than {SECONDS:g} s"
     if text in ("InternalError: out of memory", "[uninitialized]"):
@@ -180,7 +181,7 @@ class JavaScriptError(Exception):
 
 
 def thrown(description: dict[str, Any], script: SourceText) -> BaseException:
-    """The error that a script threw or passed to next(); a BpmnError if it has a code."""
+    """Return the error that a script threw or passed to next(); a BpmnError if it has a code."""
     text, code, stack = explain(str(description["text"])), description.get("code"), str(description.get("stack", ""))
     error = JavaScriptError(text) if code is None else BpmnError(str(code), text)
     return located(error, script, stack)
@@ -191,7 +192,8 @@ def _throw(error: BaseException) -> None:
 
 
 def located(error: BaseException, script: SourceText, stack: str = "") -> BaseException:
-    """The error with a traceback into the file, at the innermost line of the stack that belongs to the script."""
+    """Return the error with a traceback into the file, at the innermost line of the stack that
+    belongs to the script."""
     lines = (int(line) for line in _PLACE.findall(stack))
     line = next((line for line in lines if script.line <= line <= script.last), script.line)
     code = _throw.__code__.replace(co_filename=source_name(script.file), co_firstlineno=line - 1, co_name="<module>")

@@ -43,7 +43,7 @@ class Digits:
             del self._sent[next(iter(self._sent))]
 
     def restored(self, value: Any, before: Any) -> Any:
-        """The reply of JavaScript with exact numbers: that of the value `before`, else the last one sent."""
+        """Return the reply of JavaScript with exact numbers: that of the value `before`, else the last one sent."""
         return self._restored(value, before) if self._sent else value
 
     def _restored(self, value: Any, before: Any) -> Any:
@@ -81,7 +81,7 @@ class Encoded:
 
 
 def encode(value: Any) -> str:
-    """The text of a value: data, messages, arrays, objects with plain attributes.
+    """Return the text of a value: data, messages, arrays, objects with plain attributes.
 
     Raises TypeError, ValueError or RecursionError for what cannot be serialised.
     """
@@ -90,7 +90,7 @@ def encode(value: Any) -> str:
 
 
 def decode(text: str) -> Any:
-    """The value of a text from JavaScript."""
+    """Return the value of a text from JavaScript."""
     return json.loads(text, object_hook=_restored) if "\\u0000" in text else _decode(text)[0]
 
 

@@ -39,7 +39,7 @@ _EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
 
 
 def read_extensions(context: Context, element: Node) -> Extensions:
-    """The extensions of a BPMN element: those of its attributes and extension elements."""
+    """Return the extensions of a BPMN element: those of its attributes and extension elements."""
     found = Extensions()
     for key in attributes(element):
         if key[0] == "{":
@@ -56,7 +56,8 @@ def read_extensions(context: Context, element: Node) -> Extensions:
 
 
 def is_original_fame(root: Node) -> bool:
-    """Whether a file is one of the original FaMe: it has elements of its web modeler, message lists, or JavaScript."""
+    """Return whether a file is one of the original FaMe: it has elements of its web modeler,
+    message lists, or JavaScript."""
     if next(root.iter(*(f"{{{namespace}}}*" for namespace in original_fame.NAMESPACES)), None) is not None:
         return True
     languages = {language.lower().strip(" ()") for language in cast("list[str]", _LANGUAGES(root))}
@@ -76,7 +77,7 @@ _DIALECT_NAMES: Mapping[str, str] = {
 
 
 def dialects_of(root: Node) -> tuple[str, ...]:
-    """The names of the dialects that a file uses, for messages."""
+    """Return the names of the dialects that a file uses, for messages."""
     seen = set[str]()
     for one in root.iter("*"):
         seen.add(one.tag[1:].partition("}")[0])

@@ -115,13 +115,13 @@ class Extensions:
         return found if found is not None and found.value.strip() else None
 
     def remaining(self) -> Mapping[str, str]:
-        """The properties that no reader has taken."""
+        """Return the properties that no reader has taken."""
         if not self.properties:
             return EMPTY
         return MappingProxyType({name: found.value for name, found in self.properties.items()})
 
     def mapping(self) -> IoMapping | None:
-        """The mapping of an activity, None if it has no variable scope."""
+        """Return the mapping of an activity, None if it has no variable scope."""
         if not (self.inputs or self.outputs or self.own_scope):
             return None
         return IoMapping(tuple(self.inputs), tuple(self.outputs), self.all_in, self.all_out)

@@ -22,7 +22,7 @@ _LAYOUT = {"spacer", "separator", "button", "image"}
 
 
 def form_data(node: Node) -> Iterator[FormField]:
-    """The fields of a ``camunda:formData``."""
+    """Yield the fields of a ``camunda:formData``."""
     for one in node:
         if local_name(one) != "formField" or not one.get("id"):
             continue
@@ -45,7 +45,7 @@ def form_data(node: Node) -> Iterator[FormField]:
 
 
 def form_js(text: str) -> tuple[FormField, ...]:
-    """The fields of a form of form-js. Raises ValueError for what is no such form."""
+    """Return the fields of a form of form-js. Raises ValueError for what is no such form."""
     found = json.loads(text)
     if not isinstance(found, dict) or not isinstance(found.get("components"), list):
         raise ValueError('expected {"components": [...]}')

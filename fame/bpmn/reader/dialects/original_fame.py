@@ -11,7 +11,7 @@ LIST, _VALUE = f"{{{CAMUNDA}}}list", f"{{{CAMUNDA}}}value"
 
 
 def is_message_list(node: Node) -> bool:
-    """Whether an element is a list of message type and payload, the form of the oldest models."""
+    """Return whether an element is a list of message type and payload, the form of the oldest models."""
     first = node.find(_VALUE) if node.tag == LIST else None
     return first is not None and is_message_type(text_of(first))
 

@@ -24,7 +24,7 @@ _LONGEST = 4000
 
 
 def text_of(value: Any) -> str:
-    """A value as FEEL writes it; texts in lists and contexts in quotes."""
+    """Return a value as FEEL writes it; texts in lists and contexts in quotes."""
     if isinstance(value, str):
         return str(value)
     spend(1)
@@ -53,7 +53,7 @@ def _digits(value: Any) -> str:
 
 
 def number_of(value: Any, grouping: str | None = None, point: str | None = None) -> Any:
-    """A number from a number or text. Raises ValueError."""
+    """Return a number from a number or text. Raises ValueError."""
     if is_number(value):
         return value
     text = str(value).strip().replace(grouping or "", "") if grouping else str(value).strip()
