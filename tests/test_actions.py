@@ -162,6 +162,17 @@ def test_types_of_a_sourced_workspace_are_known(tmp_path: Path, monkeypatch: pyt
         messages.action("mower_msgs/action/Plough")
 
 
+def test_a_file_of_a_sourced_workspace_that_is_no_text_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "share" / "torn_msgs" / "msg" / "Torn.msg"
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"float64 \xff\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    with pytest.raises(MessageError, match=r"Torn\.msg cannot be read: 'utf-8' codec can't decode"):
+        messages.create("torn_msgs/msg/Torn")
+
+
 @pytest.mark.parametrize("text", ["float64 x", "float64 x\n---\n", "---\n---\n---"])
 def test_an_action_has_three_parts(text: str) -> None:
     with pytest.raises(MessageError, match="a goal, a result and a feedback"):

@@ -10,6 +10,8 @@ from fame.bpmn import read_text
 from fame.bpmn.split import split
 from fame.check import check
 from fame.check.explain import readings
+from fame.clock import SECOND
+from fame.middleware.messages import create
 from fame.scenario import Scenario
 from fame.simulation import Simulation
 
@@ -110,3 +112,24 @@ def test_what_is_wrong_with_a_key_is_told() -> None:
 
 def test_it_is_explained() -> None:
     assert any(one.text.endswith("correlates order_id = ${msg.key}") for one in readings(read_text(team("catch"))))
+
+
+def test_messages_that_match_nothing_are_noted_for_each_topic() -> None:
+    """A message on another topic does not make the first one forgotten."""
+    said = properties(type=TYPE, correlate="order_id = key")
+    waits = "".join(
+        f'<receiveTask id="take_{name}" messageRef="{name}">{said}</receiveTask>' for name in ("pears", "plums")
+    )
+    text = document(
+        '<message id="pears" name="pears"/><message id="plums" name="plums"/>'
+        '<collaboration id="C"><participant id="D" name="Depot" processRef="depot"/></collaboration>'
+        '<process id="depot" isExecutable="true"><startEvent id="s"/><scriptTask id="n">'
+        f'<script>order_id = "order 1"</script></scriptTask><parallelGateway id="g"/>{waits}'
+        f"{flow('s', 'n', 'g', 'take_pears')}{flow('g', 'take_plums')}</process>"
+    )
+    robot = Simulation(read_text(text)).run(1).node
+    for topic in ("/pears", "/plums"):
+        robot.deliver(topic, create(TYPE, {"key": "order 2", "value": ""}))
+    waiting = [wait for ends in robot.engine.listeners.values() for wait in ends]
+    misses = {wait.node.id: robot.waiting.last_miss(wait) for wait in waiting}
+    assert misses == dict.fromkeys(("take_pears", "take_plums"), (SECOND, "its correlation keys do not match"))

@@ -147,6 +147,47 @@ def test_what_is_sent_before_it_is_connected_waits_in_order() -> None:
     assert came == [1, 2, 3]
 
 
+def test_what_may_not_arrive_is_reported() -> None:
+    scheduler = Scheduler()
+    middleware = Slow(scheduler)
+    worker, boss = middleware.node("engine", "Worker_1"), middleware.node("engine", "Boss")
+    taken = worker.subscription(direct_topic("/order", "Worker_1"), "std_msgs/msg/Int64", lambda message: None)
+    publisher = boss.publisher(direct_topic("/order", "Worker_1"), "std_msgs/msg/Int64")
+    said: list[str] = []
+    sender = DirectMessages(boss, middleware, scheduler, lambda topic, type, qos: publisher, said.append)
+    sender.add("/order", "std_msgs/msg/Int64", SIGNAL)
+    sender.send("/order", 1, "Worker_1")
+    assert said == []
+    middleware.busy = (publisher.topic,)  # never connected
+    sender.send("/order", 2, "Worker_1")
+    scheduler.run(4 * SECOND)
+    assert said == []
+    scheduler.run(6 * SECOND)
+    lost = "a message on /Worker_1/bpmn_message/order may be lost: its robot is not connected"
+    assert said == [lost]
+    sender.send("/order", 3, "Worker_1")
+    middleware.busy = ()
+    taken.close()  # it leaves while the message waits
+    scheduler.run(7 * SECOND)
+    assert said == [lost, lost]
+
+
+def test_what_waits_when_a_robot_ends_is_reported() -> None:
+    scheduler = Scheduler()
+    middleware = Slow(scheduler)
+    middleware.node("engine", "Worker_1").subscription(
+        direct_topic("/order", "Worker_1"), "std_msgs/msg/Int64", lambda message: None
+    )
+    boss, said = middleware.node("engine", "Boss"), list[str]()
+    publisher = boss.publisher(direct_topic("/order", "Worker_1"), "std_msgs/msg/Int64")
+    middleware.busy = (publisher.topic,)
+    sender = DirectMessages(boss, middleware, scheduler, lambda topic, type, qos: publisher, said.append)
+    sender.add("/order", "std_msgs/msg/Int64", SIGNAL)
+    sender.send("/order", 1, "Worker_1")
+    sender.close()
+    assert said == ["a message on /Worker_1/bpmn_message/order is not sent: its robot is not connected"]
+
+
 def test_check_warns_of_a_message_to_a_pool_of_many_without_it() -> None:
     def warnings(text: str) -> list[str]:
         return [finding.text for finding in check(read_text(text)) if "goes to every robot" in finding.text]

@@ -348,6 +348,20 @@ def test_a_full_disk_holds_the_mission_until_there_is_room(field: Durable, monke
     assert field.engine.running.instances[0].waiting == ["u"]
 
 
+def test_what_does_not_reach_the_disk_at_the_end_is_reported(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:
+    field.deploy(MISSION)
+    recorder = field.engine._keeper.recorder
+
+    def full(*arguments: Any) -> None:
+        raise OSError(ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(recorder.journal, "append", full)
+    recorder.note("the last change")
+    recorder.close()
+    said = "its last changes are not on the disk, and what they send is not sent: No space left on device"
+    assert field.notes[-1] == said
+
+
 def test_a_signal_leaves_when_it_is_on_the_disk_and_not_before(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:
     field.deploy(MISSION)
     order: list[str] = []

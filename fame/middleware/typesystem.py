@@ -249,7 +249,7 @@ def check_references(content: Definition, inside: tuple[str, ...] = ()) -> None:
 
 def _sourced(full: str) -> bool:
     """Register a type of the sourced ROS workspace, or of the interfaces that come with FAME; False if neither has
-    it."""
+    it. Raises MessageError for a file that cannot be read."""
     package, _, rest = full.partition("/")
     kind, _, name = rest.partition("/")
     name = name.partition("_")[0]
@@ -257,7 +257,11 @@ def _sourced(full: str) -> bool:
     for prefix in (*prefixes, str(_SHIPPED)) if kind else ():
         file = Path(prefix, "share", package, kind, f"{name}.{kind}")
         if file.is_file():
-            return full in register(file.read_text("utf-8"), f"{package}/{kind}/{name}")
+            try:
+                text = file.read_text("utf-8")
+            except (OSError, ValueError) as error:
+                raise MessageError(f"{file} cannot be read: {error}", type=full) from None
+            return full in register(text, f"{package}/{kind}/{name}")
     return False
 
 

@@ -109,7 +109,8 @@ class ChangeTracker:
         waiting = self._waiting
         for wait in waits:
             failed = wait in self._node.engine.incidents
-            is_simple = not (failed or wait.started or wait.paused or wait.key in waiting.uncorrelated)
+            mismatched = bool(waiting.uncorrelated) and waiting.mismatch(wait.key) is not None
+            is_simple = not (failed or wait.started or wait.paused or mismatched)
             state, known = _NO_SCRIPT if is_simple else waiting.state(wait), before.get(wait.key)
             if known is None or known[0] != state:
                 known = state, known[1] if known is not None else waiting.since(wait, time)

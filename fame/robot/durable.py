@@ -17,7 +17,7 @@ property ``retry`` says.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 from uuid import NAMESPACE_URL, uuid5
@@ -210,9 +210,12 @@ class DurableRecorder:
 
     def close(self) -> None:
         """Record and send the remaining effects, and stop. The journal stays open."""
-        with suppress(OSError):
+        try:
             if not self._quiet and not self._trouble:
                 self._flush()
+        except OSError as error:
+            reason = error.strerror or str(error)
+            self.node.host.report("", f"its last changes are not on the disk, and what they send is not sent: {reason}")
         self._quiet = True
         self.node.engine.settled = None
         self.node.host.recorder = None

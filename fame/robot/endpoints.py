@@ -36,6 +36,8 @@ MakePublisher = Callable[[str, str, QoS], Publisher]
 """Gives the publisher on a topic (full name, type, quality of service)."""
 OnMessage = Callable[[str, Any], object]
 """Takes the qualified name of a topic, and a message on it."""
+ReportLoss = Callable[[str], object]
+"""Takes what people should know."""
 
 
 class Endpoints:
@@ -46,9 +48,16 @@ class Endpoints:
     direct  its messages to single robots
     """
 
-    def __init__(self, node: Node, uses: Mapping[str, TopicUse], middleware: Middleware, scheduler: Scheduler) -> None:
+    def __init__(
+        self,
+        node: Node,
+        uses: Mapping[str, TopicUse],
+        middleware: Middleware,
+        scheduler: Scheduler,
+        report: ReportLoss = lambda text: None,
+    ) -> None:
         self._node, self._uses, self._middleware = node, uses, middleware
-        self.direct: DirectMessages = DirectMessages(node, middleware, scheduler, self.publisher)
+        self.direct: DirectMessages = DirectMessages(node, middleware, scheduler, self.publisher, report)
         self._publishers: dict[str, Publisher] = {}  # by full name
         self._thrown: dict[str, Publisher] = {}  # those of throwing events, by qualified name
         self.caught: dict[str, str] = {}
@@ -148,10 +157,18 @@ def subscribers_of(middleware: Middleware, suffix: str, own: str) -> list[str]:
 
 
 class DirectMessages:
-    """The messages that one robot sends to others by name."""
+    """The messages that one robot sends to others by name. `report` gets those that may not arrive."""
 
-    def __init__(self, node: Node, middleware: Middleware, scheduler: Scheduler, publisher: MakePublisher) -> None:
+    def __init__(
+        self,
+        node: Node,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        publisher: MakePublisher,
+        report: ReportLoss = lambda text: None,
+    ) -> None:
         self._node, self._middleware, self._scheduler, self._publisher = node, middleware, scheduler, publisher
+        self._report = report
         self._topics: dict[str, tuple[str, QoS]] = {}
         self._waiting: deque[tuple[int, Publisher, AnyMessage]] = deque()
         self._poll: Entry | None = None
@@ -187,7 +204,8 @@ class DirectMessages:
 
     def close(self) -> None:
         """Drop the messages that are still waiting."""
-        self._waiting.clear()
+        while self._waiting:
+            self._report(f"a message on {self._waiting.popleft()[1].topic} is not sent: its robot is not connected")
         if self._poll is not None:
             self._poll.cancel()
 
@@ -203,6 +221,9 @@ class DirectMessages:
         now = self._scheduler.now
         while self._waiting and (self._waiting[0][1].topic not in connecting or self._waiting[0][0] <= now):
             _, publisher, message = self._waiting.popleft()
+            connected = publisher.topic not in connecting and publisher.subscriber_count()
             publisher.publish(message)
+            if not connected:
+                self._report(f"a message on {publisher.topic} may be lost: its robot is not connected")
         if self._waiting and (self._poll is None or self._poll.action is None):
             self._poll = self._scheduler.after(_POLL, self._flush)

@@ -81,7 +81,9 @@ class RobotNode:
         self.epoch: datetime = options.epoch
         self.node: Node = middleware.node(ENGINE, self.namespace, MISSION)
         self.engine: Engine
-        self.endpoints: Endpoints = Endpoints(self.node, mission.types, middleware, scheduler)
+        self.endpoints: Endpoints = Endpoints(
+            self.node, mission.types, middleware, scheduler, lambda text: self.host.report("", text)
+        )
         self.acknowledged: AcknowledgedSignals | None = None
         if any(use.ttl for use in mission.types.values()):
             self.acknowledged = AcknowledgedSignals(self, options.membership)

@@ -102,14 +102,14 @@ class WaitingTokens:
     """The waiting tokens of one robot.
 
     missed        topic -> when its last message came too early (ns)
-    uncorrelated  key of a wait -> when the last message came that does not match its correlation keys (ns)
+    uncorrelated  topic -> key of a wait -> when the last message came that does not match its correlation keys (ns)
     """
 
     def __init__(
         self, robot: str, mission: Mission, node: Node, middleware: Middleware, scheduler: Scheduler, runner: Runner
     ) -> None:
         self.missed: dict[str, int] = {}
-        self.uncorrelated: dict[int, int] = {}
+        self.uncorrelated: dict[str, dict[int, int]] = {}
         self._graph: dict[str, tuple[str, ...]] = {}  # who else published on each topic at the last look
         self._robot, self._mission, self._node, self._runner = robot, mission, node, runner
         self._middleware, self._scheduler = middleware, scheduler
@@ -130,19 +130,23 @@ class WaitingTokens:
             self.missed[topic] = self._scheduler.now
 
     def on_uncorrelated(self, topic: str, waits: Sequence[int]) -> None:
-        """Record that a message did not match the correlation keys of these waits."""
-        self.uncorrelated = dict.fromkeys(waits, self._scheduler.now)
+        """Record that a message did not match the correlation keys of these waits, which are all of its topic."""
+        self.uncorrelated[topic] = dict.fromkeys(waits, self._scheduler.now)
+
+    def mismatch(self, key: int) -> int | None:
+        """When (ns) the last message came that does not match the correlation keys of a wait; None if none came."""
+        return max((waits[key] for waits in self.uncorrelated.values() if key in waits), default=None)
 
     def state(self, wait: Wait) -> object:
         """Return a value that is cheap to compare: `details` differ only if it does."""
         key, runner = wait.key, self._runner
         server = runner.server_silence(key), runner.server_mismatch(key)
-        return wait.paused, wait.due, self.person, runner.request(key), self.uncorrelated.get(key), *server
+        return wait.paused, wait.due, self.person, runner.request(key), self.mismatch(key), *server
 
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
-        if wait.key in self.uncorrelated:
-            return self.uncorrelated[wait.key], "its correlation keys do not match"
+        if (mismatch := self.mismatch(wait.key)) is not None:
+            return mismatch, "its correlation keys do not match"
         if not self.missed:
             return None
         topics = (node.catch.topic for node in (wait.node, *wait.catch.parts) if node.catch is not None)
