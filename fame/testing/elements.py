@@ -59,7 +59,7 @@ class Elements:
         return found
 
     def may_contain(self, robot: str, ids: frozenset[str], inner: str) -> bool:
-        """Return whether an element is inside one of these: of a subprocess, or of what is called; true if not known."""
+        """Return whether an element is inside one of these, a subprocess or what is called; true if not known."""
         if all(one.element.id != inner for one in self._of[robot]):
             return True  # of a process that is called by a computed name, or was sent later
         return any(
