@@ -29,7 +29,7 @@ from robots.arm.dynamics import UR5E
 from robots.arm.reassembly import SCENARIOS, Disturbance, recorded
 
 MODEL = Path(__file__).resolve().parent.parent / "models" / "reassembly.skops"
-TRAINING = Training(before=20.0, cutoff=5.0, false_alarms="0.01 per run", margin=1.5)
+TRAINING = Training(detector="autoencoder", before=20.0, cutoff=5.0, false_alarms="0.01 per run", margin=1.5)
 """As `fame monitor train` has it by default, but for the margin; the cut-offs are those of the joint monitor."""
 COLUMNS = tuple(f"Efforts.{joint}" for joint in UR5E.chain.joints)
 JOINTS = (5, 4, 0)

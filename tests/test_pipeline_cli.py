@@ -53,7 +53,8 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
         for run in range(3) for index in range(60)
     ]  # fmt: skip
     (tmp_path / "a.csv").write_text("\n".join(["stamp,run,Efforts.elbow,Efforts.wrist", *rows]) + "\n")
-    training = {"Files": ["*.csv"], "Window": 10, "Hidden": [3], "Epochs": 2, "Model": "out/m.skops"}
+    training = {"Files": ["*.csv"], "Detector": "autoencoder", "Window": 10, "Hidden": [3], "Epochs": 2}
+    training["Model"] = "out/m.skops"
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"Training": training}))  # a CSV is enough
     command = ["monitor", "train", str(tmp_path / "c.yaml")]
     assert main([*command, "--onnx", str(tmp_path / "m.onnx")]) == 0

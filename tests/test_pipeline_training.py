@@ -22,7 +22,9 @@ from fame.monitor.pipeline.train import Training, fit, train, training_of
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 JOINTS = ("shoulder", "elbow", "wrist")
-QUICK = Training(window=20, hidden=(8, 3, 8), stride=3, before=30.0, cutoff=10.0, epochs=15, samples=1500)
+QUICK = Training(
+    detector="autoencoder", window=20, hidden=(8, 3, 8), stride=3, before=30.0, cutoff=10.0, epochs=15, samples=1500
+)
 
 
 def motion(seed: int, *, push: float = 0.0, n: int = 800, rate: float = 200.0) -> Samples:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -159,8 +160,29 @@ def test_phases_suit_only_cycles_that_repeat(tmp_path: Path):
     repeating, free = (
         read_runs([german(tmp_path / f"{each}.csv", repeat=each)], (), special) for each in (True, False)
     )
-    assert suited_detector(repeating) == "phase"
-    assert suited_detector(free) == suited_detector(repeating[:4]) == "mahalanobis"
+    assert suited_detector(repeating) == ("phase", "the runs repeat")
+    assert suited_detector(free) == ("mahalanobis", "the runs do not repeat")
+    assert suited_detector(repeating[:4]) == ("mahalanobis", "the runs are fewer than 5")
+    named = [replace(run, elements=((0.0, "work"),)) for run in free]
+    assert suited_detector(named) == ("phase", "the runs name elements of the mission")
+
+
+@pytest.mark.parametrize(("repeat", "name"), [(True, "phase"), (False, "mahalanobis")])
+def test_a_configuration_without_detector_takes_the_one_that_suits_its_runs_and_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], repeat: bool, name: str
+):
+    german(tmp_path / "runs.csv", repeat=repeat)
+    section = "Files: [runs.csv], Model: m.skops, RunColumn: cycle, TimeColumn: Zeit, Window: 20, Epochs: 2"
+    why = f"{name} (chosen, as the runs {'repeat' if repeat else 'do not repeat'})"
+    (tmp_path / "c.yaml").write_text(f"Training: {{{section}}}\n")
+    assert main(["monitor", "train", str(tmp_path / "c.yaml")]) == 0
+    assert f"m.skops: {why}, windows of 20 samples" in capsys.readouterr().out
+    card = json.loads((tmp_path / "m.card.json").read_text())
+    assert (card["Model"]["detector"], card["Settings"]["detector"]) == (why, name)
+    (tmp_path / "c.yaml").write_text(f"Training: {{{section}, Detector: pca}}\n")
+    assert main(["monitor", "train", str(tmp_path / "c.yaml")]) == 0
+    assert "m.skops: pca, windows of 20 samples" in capsys.readouterr().out
+    assert json.loads((tmp_path / "m.card.json").read_text())["Model"]["detector"] == "pca"
 
 
 def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

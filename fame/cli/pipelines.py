@@ -260,8 +260,7 @@ def add_train(commands: Commands) -> None:
     )
     parser.add_argument(
         "--data", type=Path, nargs="+", default=[], metavar="FILE",
-        help="runs as CSV or Parquet files, with --config also bags, MCAP files and recordings of FAME, each a run; "
-        "without --detector: phase if they repeat",
+        help="runs as CSV or Parquet files, with --config also bags, MCAP files and recordings of FAME, each a run",
     )  # fmt: skip
     parser.add_argument(
         "--config", type=Path, metavar="CONFIG.yaml", help="configuration whose Inputs are read from the bags of --data"
@@ -277,7 +276,11 @@ def add_train(commands: Commands) -> None:
     )
     parser.add_argument("--time-column", metavar="NAME", help="column of the times, in s or dates (default: stamp)")
     add_time_unit(parser, "s, refused where that is doubtful")
-    parser.add_argument("--detector", metavar="NAME", help="phase, mahalanobis, 'any of pca, knn' ...")
+    parser.add_argument(
+        "--detector", metavar="NAME",
+        help="phase, mahalanobis, 'any of pca, knn' ... instead of the configuration's Detector; "
+        "without either, phase if there are at least 5 runs that repeat or name elements, else mahalanobis",
+    )  # fmt: skip
     parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="MODEL.skops", help="file to write, instead of the configuration's Model"
@@ -332,15 +335,12 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
     what was left out of them."""
     from dataclasses import replace
 
-    from fame.monitor.data_files import hash_files, read_runs
+    from fame.monitor.data_files import hash_files
     from fame.monitor.model_card import origin_of, write_card
-    from fame.monitor.pipeline.train import suited_detector, train
+    from fame.monitor.pipeline.train import train
     from fame.monitor.pipeline.trained_model import TrainedModel
     from fame.monitor.pipeline.training_checks import warnings_of
 
-    if arguments.data and arguments.detector is None:
-        runs = read_runs(training.files, (), training.special, undisturbed=True)
-        training = replace(training, detector=suited_detector(runs))
     path = arguments.output or Path(training.model)
     compared: list[Compared] = []
     if arguments.check:
@@ -464,11 +464,11 @@ def _comparison(compared: Sequence[Compared]) -> str:
 
 
 def _detector_text(model: TrainedModel) -> str:
-    from fame.monitor.pipeline.detectors import ChannelAutoencoders, detector_name
+    from fame.monitor.pipeline.detectors import ChannelAutoencoders
 
     if isinstance(model.detector, ChannelAutoencoders):
         return f"{'-'.join(map(str, model.network.layers))} per channel"
-    return detector_name(model.detector)
+    return model.detector_text
 
 
 def _trained(path: Path, model: TrainedModel, training: Training, warnings: list[str]) -> dict[str, Any]:
@@ -480,6 +480,7 @@ def _trained(path: Path, model: TrainedModel, training: Training, warnings: list
     calibration = model.calibration
     alarms = {"asked": calibration.asked, "promised": calibration.promised} if calibration is not None else {}
     settings = {name: value for name, value in asdict(training).items() if name not in ("model", "columns")}
+    settings["detector"] = detector_name(model.detector)
     return {
         "status": "completed", "model": str(path), "columns": model.columns, "data": model.data, "rate": model.rate,
         "detector": detector_name(model.detector), "thresholds": model.thresholds, "metrics": dict(model.metrics),

@@ -60,7 +60,6 @@ def card_of(model: TrainedModel | Model) -> Card:
 
 
 def _of_windows(model: TrainedModel) -> Card:
-    from fame.monitor.pipeline.detectors import detector_name
     from fame.monitor.pipeline.training_checks import warnings_of
 
     conditions, calibration = model.conditions, model.calibration
@@ -70,7 +69,7 @@ def _of_windows(model: TrainedModel) -> Card:
     return {
         "Model": {
             "made by": model.maker, "made on": conditions.get("made"), "predecessor": conditions.get("predecessor"),
-            "detector": detector_name(model.detector), "channels": len(model.columns),
+            "detector": model.detector_text, "channels": len(model.columns),
             "window": f"{model.window} samples, {window}", "rate": f"{model.rate:.4g} Hz",
         },
         "Data": {

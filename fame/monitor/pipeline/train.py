@@ -37,7 +37,7 @@ from fame.monitor.data_files import (
 )
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
-from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, detector_names, draw_lot, fit_detector
+from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, Whitening, detector_names, draw_lot, fit_detector
 from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
@@ -67,7 +67,8 @@ class Training:
     run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates, `element_column`
                   the element of the mission that is active
     time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
-    detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...
+    detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the one
+                  that suits the runs (`suited_detector`)
     window        samples per window
     stride        samples from one window to the next, of those that train and of those that are scored
     before        Hz, low-pass on the data; 0: none
@@ -91,7 +92,7 @@ class Training:
     time_column: str = STAMP
     element_column: str = ELEMENT
     time_unit: str | None = None
-    detector: str = "autoencoder"
+    detector: str = ""
     window: int = 50
     stride: int = 5
     before: float = 0.0
@@ -155,6 +156,10 @@ def fit(
     places = distinct(runs, keep=keep)
     copied, runs = len(runs) - len(places), [runs[place] for place in places]
     _check_count(runs)
+    chosen = ""
+    if not config.detector:
+        detector, chosen = suited_detector(runs)
+        config = replace(config, detector=detector)
     rate = rate_of(runs)
     filtered = prepared(runs, config)
     model = learned(filtered, config, rate)
@@ -181,7 +186,7 @@ def fit(
         "lasted": unlike_durations([runs[index] for index in whole]),
         "jumps": [(places[index], step, at) for index, step, at in jumps(runs)],
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
-        LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied,
+        LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied, "chosen": chosen,
         RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)],
     }  # fmt: skip
     return replace(
@@ -208,11 +213,14 @@ def band_of(runs: Sequence[Samples], axis: Axis) -> Band:
     return Band.of(runs, times if axis or repeats(runs) else None)
 
 
-def suited_detector(runs: Sequence[Samples]) -> str:
-    """Return the detector for runs of which nothing else is known: ``phase`` for at least `FEWEST` that repeat or
-    name elements of a mission, else ``mahalanobis``."""
-    repeating = all(run.elements for run in runs) or repeats(runs)
-    return Phases.kind if len(runs) >= FEWEST and repeating else "mahalanobis"
+def suited_detector(runs: Sequence[Samples]) -> tuple[str, str]:
+    """Return the detector for runs of which nothing else is known, and why: ``phase`` for at least `FEWEST` that repeat
+    or name elements of a mission, else ``mahalanobis``."""
+    if len(runs) < FEWEST:
+        return Whitening.kind, f"the runs are fewer than {FEWEST}"
+    if all(run.elements for run in runs):
+        return Phases.kind, "the runs name elements of the mission"
+    return (Phases.kind, "the runs repeat") if repeats(runs) else (Whitening.kind, "the runs do not repeat")
 
 
 def repeats(runs: Sequence[Samples]) -> bool:
@@ -416,7 +424,7 @@ def _found(folder: Path, value: ConfigValue) -> list[Path]:
 
 def _check(config: Training, runs: Sequence[Samples]) -> None:
     for name, read in _READERS.items():
-        if getattr(config, name) is not None:
+        if getattr(config, name) is not None and (name != "detector" or config.detector):
             read(ConfigValue(getattr(config, name), f"Training.{name}"))
     if not config.hidden:
         raise ConfigError("expected at least one layer, got none", element="Training.hidden")

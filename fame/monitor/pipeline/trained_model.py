@@ -86,6 +86,12 @@ class TrainedModel(StoredModel):
         return windows.std(axis=1) < STILL * least if least.any() else np.zeros((len(windows), len(least)), dtype=bool)
 
     @property
+    def detector_text(self) -> str:
+        """The name of the detector; if it was chosen by the runs, also why."""
+        chosen = self.conditions.get("chosen")
+        return detector_name(self.detector) + (f" (chosen, as {chosen})" if chosen else "")
+
+    @property
     def network(self) -> ChannelAutoencoders:
         """The autoencoders. Raises ConfigError for another detector."""
         if not isinstance(self.detector, ChannelAutoencoders):
