@@ -278,7 +278,7 @@ def add_train(commands: Commands) -> None:
     add_time_unit(parser, "s, refused where that is doubtful")
     parser.add_argument(
         "--detector", metavar="NAME",
-        help="phase, mahalanobis, 'any of pca, knn' ... instead of the configuration's Detector; "
+        help="phase, 'any of pca, knn', sklearn.ensemble.IsolationForest ... instead of the configuration's Detector; "
         "without either, phase if there are at least 5 runs that repeat or name elements, else mahalanobis",
     )  # fmt: skip
     parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
@@ -479,8 +479,9 @@ def _trained(path: Path, model: TrainedModel, training: Training, warnings: list
 
     calibration = model.calibration
     alarms = {"asked": calibration.asked, "promised": calibration.promised} if calibration is not None else {}
-    settings = {name: value for name, value in asdict(training).items() if name not in ("model", "columns")}
-    settings["detector"] = detector_name(model.detector)
+    settings = asdict(training) | {"detector": detector_name(model.detector)}
+    for name in ("model", "columns", "estimator"):
+        del settings[name]
     return {
         "status": "completed", "model": str(path), "columns": model.columns, "data": model.data, "rate": model.rate,
         "detector": detector_name(model.detector), "thresholds": model.thresholds, "metrics": dict(model.metrics),

@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import LEAST, Calibration, calibrate_runs
 from fame.monitor.copies import copies, run_hash
+from fame.monitor.pipeline.other_estimators import EstimatorDetector
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, learned, left_out, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -21,19 +22,20 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
     """An outlier detector of rows (n, channels), in their order if `window` is above 1.
 
     detector      as in a configuration of ``fame monitor train``: ``mahalanobis``, ``phase``, ``any of pca, knn`` ...
+                  or an outlier detector of scikit-learn or PyOD: ``IsolationForest()``
     window        rows per window
     false_alarms  share of runs that may raise an alarm, on average over trainings; of rows, if `fit` is not told runs
     folds         that are left out for the scores that set the threshold
     """
 
-    detector: str
+    detector: Any
     window: int
     false_alarms: float
     folds: int
     seed: int
 
     def __init__(
-        self, detector: str = "mahalanobis", window: int = 1, false_alarms: float = 0.05, folds: int = 5, seed: int = 0
+        self, detector: Any = "mahalanobis", window: int = 1, false_alarms: float = 0.05, folds: int = 5, seed: int = 0
     ) -> None:
         self.detector, self.window, self.false_alarms = detector, window, false_alarms
         self.folds, self.seed = folds, seed
@@ -41,18 +43,24 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
     def fit(self, X: Any, y: Any = None, runs: Any = None) -> Self:
         """Learn from undisturbed rows; `runs` (n,) has the number of the run of each, by default `folds` equal parts.
 
-        Raises ConfigError for an unknown detector and for too few rows or runs, ValueError for a run that is a copy of
-        another one, and for one whose rows are not in a row.
+        Raises ConfigError for an unknown detector, for an estimator of which it is not known whether unusual rows have
+        low or high scores, and for too few rows or runs; ValueError for a run that is a copy of another one, and for
+        one whose rows are not in a row.
         """
         X = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
-        config = Training(detector=self.detector, window=self.window, stride=1, folds=self.folds, seed=self.seed)
+        name, estimator = (self.detector, None) if isinstance(self.detector, str) else ("", self.detector)
+        config = Training(
+            detector=name, estimator=estimator, window=self.window, stride=1, folds=self.folds, seed=self.seed
+        )
         parts = _runs(X, runs if runs is not None else np.arange(len(X)) * min(self.folds, len(X)) // len(X))
         if runs is not None and (copied := copies(run_hash(part.values) for part in parts)):
             number, first = next(iter(copied.items()))
             raise ValueError(f"expected runs of their own: that of place {number} has the same rows as that of {first}")
         self.model_: TrainedModel = learned(parts, config, 1.0)
         found = {index: losses(model, parts[index]).values for index, model in left_out(parts, config, 1.0)}
-        self.usual_: Floats = np.maximum(np.median(np.concatenate([*found.values()]), axis=0), LEAST)
+        usual = np.maximum(np.median(np.concatenate([*found.values()]), axis=0), LEAST)
+        one = isinstance(self.model_.detector, EstimatorDetector)  # score, which is that of the row
+        self.usual_: Floats = np.ones_like(usual) if one else usual
         scores = [(loss / self.usual_).max(axis=1) for loss in found.values() if len(loss)]
         counted = np.concatenate(scores) if runs is None else np.array([score.max() for score in scores])
         self.calibration_: Calibration = calibrate_runs(counted, self.false_alarms)

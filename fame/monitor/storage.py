@@ -61,6 +61,11 @@ def write_artefact(content: Any, path: str | Path) -> None:
     whole.replace(path)
 
 
+def not_data(content: Any) -> list[str]:
+    """List the classes of content that a model may not hold, since they could be code."""
+    return _unknown(io.BytesIO(_skops().dumps(content)))
+
+
 def _write_settled(data: io.BytesIO, path: Path) -> None:
     """Write what skops dumped, without what differs from time to time: addresses in memory, by which it names parts and
     files, become numbers in their order, and the files have no date."""
@@ -155,9 +160,9 @@ class StoredModel:
         if content.get("kind") != cls.kind:
             text = f"is a model of another command; expected one of {cls.maker}, which makes it anew"
             raise ConfigError(text, file=file)
-        if cls.estimators:
-            _refuse_other_estimators(content.get("versions"), cls.maker, file)
         try:
+            if cls.estimators or "estimator" in content["detector"]:
+                _refuse_other_estimators(content.get("versions"), cls.maker, file)
             model = from_plain(cls, {**content, "detector": detector_of(content["detector"], cls.detectors)})
             model.check()
         except _PARTS_DO_NOT_FIT as error:

@@ -12,7 +12,8 @@ Processors::
 Models::
 
     trained_model  TrainedModel: autoencoders with thresholds, stored and loaded, also as ONNX
-    detectors      kinds of detectors: autoencoders, PCA, nearest neighbours ...; phases: the one that knows time
+    detectors      kinds of detectors: autoencoders, PCA, nearest neighbours ...; phases: the one that knows time;
+                   other_estimators: those of scikit-learn and PyOD
     elements       the time axis of elements of a mission; band: what the training runs did over it
     train          `fame monitor train`; compare: `fame monitor train --compare`; training_checks: its warnings
 

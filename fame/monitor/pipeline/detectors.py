@@ -11,10 +11,11 @@ a loss per channel. `fit_detector` makes one by name::
     isolation_forest  isolation forest on principal components: the anomaly score of Liu, Ting and Zhou 2008
     phase             deviation from other runs at the same time since the start (`fame.monitor.pipeline.phases`)
     any of, all of    several of these: the largest or the smallest loss, each relative to its usual one
+    module.Class      an outlier detector of scikit-learn (`fame.monitor.pipeline.other_estimators`)
 
-``ocsvm`` and ``isolation_forest`` have one loss for all channels; the channel that deviates most gets it, the others
-get a share of it. Everything that is evaluated while a robot works is numpy and scipy: a library's `predict` takes many
-times as long for the few windows of one call. All detectors are stored as plain arrays and texts.
+``ocsvm``, ``isolation_forest`` and estimators have one loss for all channels; the channel that deviates most gets it,
+the others get a share of it. What FAME's own detectors evaluate while a robot works is numpy and scipy: a library's
+`predict` takes many times as long for the few windows of one call. They are stored as plain arrays and texts.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
+from fame.monitor.pipeline.other_estimators import EstimatorDetector, estimator_of, shared
 from fame.monitor.pipeline.phases import Phases, reduced, refuse_large
 
 if TYPE_CHECKING:
@@ -246,12 +248,6 @@ def draw_lot(total: int, count: int, seed: int) -> Whole:
 # ---- one loss for all channels ---------------------------------------------------------------------------------------
 
 
-def _shared(score: Floats, windows: Floats) -> Floats:
-    """Return the share of each channel in a score (n,): all of it for the channel with the largest deviation."""
-    energy = np.einsum("nwc,nwc->nc", windows, windows) + _TINY
-    return np.asarray(score[:, None] * energy / energy.max(axis=1, keepdims=True))
-
-
 @dataclass(frozen=True, slots=True)
 class OneClass:
     """A one-class SVM with RBF kernel on principal components."""
@@ -269,7 +265,7 @@ class OneClass:
         exponents = np.log(self.weights) - self.gamma * np.maximum(squares, 0)
         largest = exponents.max(axis=1)  # a sum of exponentials that stays finite far away from all vectors
         density = largest + np.log(np.exp(exponents - largest[:, None]).sum(axis=1))
-        return _shared(np.maximum(0.0, 1.0 - (density - np.log(self.offset))), windows)
+        return shared(np.maximum(0.0, 1.0 - (density - np.log(self.offset))), windows)
 
     @classmethod
     def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> OneClass:
@@ -308,7 +304,7 @@ class Forest:
         for _ in range(self.steps):
             left = values[rows, self.features[trees, node]] <= self.limits[trees, node]
             node = np.where(left, self.left[trees, node], self.right[trees, node])
-        return _shared(2.0 ** (-self.depths[trees, node].mean(axis=1) / self.usual), windows)
+        return shared(2.0 ** (-self.depths[trees, node].mean(axis=1) / self.usual), windows)
 
     @classmethod
     def fit(cls, windows: Floats, settings: Training, times: Floats | None = None) -> Forest:
@@ -419,7 +415,7 @@ _KINDS: dict[str, Any] = {
     kind.kind: kind for kind in (ChannelAutoencoders, Components, Whitening, Nearest, OneClass, Forest, Phases)
 }
 DETECTORS = tuple(_KINDS)
-STORED: Mapping[str, Any] = {**_KINDS, Several.kind: Several}
+STORED: Mapping[str, Any] = {**_KINDS, Several.kind: Several, EstimatorDetector.kind: EstimatorDetector}
 """Kinds of detectors of windows, as models store them."""
 RULES = ("any of", "all of")
 
@@ -436,20 +432,32 @@ def combined(rule: str, values: Any) -> Any:
 
 
 def detector_names(name: str) -> tuple[str, tuple[str, ...]]:
-    """Split as `split_rule`. Raises ConfigError for an unknown name."""
+    """Split as `split_rule`. Raises ConfigError for an unknown name; those of classes are not looked up."""
     rule, names = split_rule(name)
+    if is_class(name):
+        return rule, names
     wrong = [part for part in names if part not in DETECTORS]
     if wrong or (rule and len(names) < 2):
         known = ", ".join(DETECTORS)
-        raise ConfigError(f"expected one of {known}, or 'any of pca, knn', or 'all of ...', got {name!r}")
+        other = "or 'any of pca, knn', or 'all of ...', or the class of an estimator"
+        raise ConfigError(f"expected one of {known}, {other}, got {name!r}")
     return rule, names
 
 
+def is_class(name: str) -> bool:
+    """Return whether a name is that of a class, ``sklearn.ensemble.IsolationForest``, and of no detector of FAME."""
+    return "." in name and all(part.isidentifier() for part in name.split("."))
+
+
 def fit_detector(name: str, windows: Floats, settings: Training, times: Floats | None = None) -> FittedDetector:
-    """Learn a detector from scaled windows (n, window, channels) that end at `times` (n,), s since the start.
+    """Learn a detector from scaled windows (n, window, channels) that end at `times` (n,), s since the start; by the
+    estimator of the settings if they have one.
 
     Raises ConfigError for an unknown name, UnavailableError without the package that learns it.
     """
+    if settings.estimator is not None or is_class(name):
+        estimator = estimator_of(name, settings.parameters) if settings.estimator is None else settings.estimator
+        return EstimatorDetector.fit(estimator, windows, settings)
     rule, names = detector_names(name)
     detector: FittedDetector = (
         _KINDS[names[0]].fit(windows, settings, times)
@@ -463,4 +471,4 @@ def detector_name(detector: FittedDetector) -> str:
     """Return the name that `fit_detector` takes."""
     if isinstance(detector, Several):
         return f"{detector.rule} {', '.join(part.kind for part in detector.parts)}"
-    return detector.kind
+    return detector.name if isinstance(detector, EstimatorDetector) else detector.kind

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
@@ -37,10 +37,19 @@ from fame.monitor.data_files import (
 )
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
-from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, Whitening, detector_names, draw_lot, fit_detector
+from fame.monitor.pipeline.detectors import (
+    ACTIVATIONS,
+    RULES,
+    Whitening,
+    detector_names,
+    draw_lot,
+    fit_detector,
+    is_class,
+)
 from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
+from fame.monitor.pipeline.other_estimators import estimator_of
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
@@ -68,7 +77,9 @@ class Training:
                   the element of the mission that is active
     time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
     detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the one
-                  that suits the runs (`suited_detector`)
+                  that suits the runs (`suited_detector`). Or the class of an estimator of scikit-learn, with its
+                  `parameters`: ``sklearn.ensemble.IsolationForest``
+    estimator     of scikit-learn or PyOD, in memory, which is the detector
     window        samples per window
     stride        samples from one window to the next, of those that train and of those that are scored
     before        Hz, low-pass on the data; 0: none
@@ -93,6 +104,8 @@ class Training:
     element_column: str = ELEMENT
     time_unit: str | None = None
     detector: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    estimator: Any = None
     window: int = 50
     stride: int = 5
     before: float = 0.0
@@ -157,7 +170,7 @@ def fit(
     copied, runs = len(runs) - len(places), [runs[place] for place in places]
     _check_count(runs)
     chosen = ""
-    if not config.detector:
+    if not config.detector and config.estimator is None:
         detector, chosen = suited_detector(runs)
         config = replace(config, detector=detector)
     rate = rate_of(runs)
@@ -308,7 +321,7 @@ def _moves(runs: Sequence[Samples]) -> Any:
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    kept = {name: value for name, value in settings.items() if name not in ("files", "model")}
+    kept = {name: value for name, value in settings.items() if name not in ("files", "model", "estimator")}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
 
 
@@ -380,6 +393,10 @@ def _detector(value: ConfigValue) -> str:
     return text
 
 
+def _parameters(value: ConfigValue) -> dict[str, Any]:
+    return {name: item.data for name, item in value.mapping().items()}
+
+
 _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "files": _texts,
     "model": ConfigValue.text,
@@ -399,6 +416,7 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "epochs": partial(ConfigValue.integer, minimum=1),
     "margin": partial(ConfigValue.number, above=0),
     "detector": _detector,
+    "parameters": _parameters,
     "false_alarms": read_false_alarms,
     "folds": partial(ConfigValue.integer, minimum=2),
     "components": partial(ConfigValue.number, above=0, maximum=1),
@@ -426,6 +444,10 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
     for name, read in _READERS.items():
         if getattr(config, name) is not None and (name != "detector" or config.detector):
             read(ConfigValue(getattr(config, name), f"Training.{name}"))
+    if is_class(config.detector):
+        estimator_of(config.detector, config.parameters)
+    elif config.parameters:
+        raise ConfigError("are those of a Detector that is a class of scikit-learn", element="Training.parameters")
     if not config.hidden:
         raise ConfigError("expected at least one layer, got none", element="Training.hidden")
     _check_count(runs)
