@@ -1,5 +1,9 @@
 """What monitoring costs: python benchmarks/pipeline.py [--seconds S] [--pipelines N].
 
+With `--channels N --detector NAME [--frequency HZ]`: what the pipeline, as one node, costs for N channels at HZ by that
+detector, which learns from generated runs in a process of its own. `memory` is what the node adds at most, MB, and
+`training` the peak of the training.
+
 One JSON line per measurement. `share` is the CPU time per second of data, as a part of one core, of six joints at
 500 Hz: through low-pass, an autoencoder per joint, low-pass of the losses, threshold (as four nodes on topics, and as
 one); recorded as CSV with 18 columns. Beside the inference stand scikit-learn's and onnxruntime's for the same windows.
@@ -13,29 +17,38 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import resource
+import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fame.clock import SECOND, Scheduler
+from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage, load
 from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.node import ProcessingNode
+from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.recording import RecordingNode
+from fame.monitor.pipeline.train import Training, learned
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 RATE, JOINTS = 500, tuple(f"joint_{number}" for number in range(6))
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MONITOR = Path(__file__).resolve().parent.parent / "models" / "monitoring" / "joint_monitor"
 UNITS = ("low_pass", "autoencoders", "loss_low_pass", "threshold")
+RUNS, NEVER = 5, 1e9
+"""Runs that train a detector of many channels, and a threshold that no loss exceeds."""
 
 
 def samples(seconds: float, push: float = 0.0) -> list[Any]:
@@ -71,12 +84,12 @@ def estimators() -> list[Any]:
 Build = Callable[[LocalMiddleware, Scheduler], list[Any]]
 
 
-def drive(sent: list[Any], build: Build) -> tuple[float, list[float]]:
+def drive(sent: list[Any], build: Build, rate: float = RATE) -> tuple[float, list[float]]:
     """CPU seconds for all of the samples, and the latency (ms) of each alarm."""
-    return min((once(sent, build) for _ in range(3)), key=lambda found: found[0])
+    return min((once(sent, build, rate) for _ in range(3)), key=lambda found: found[0])
 
 
-def once(sent: list[Any], build: Build) -> tuple[float, list[float]]:
+def once(sent: list[Any], build: Build, rate: float) -> tuple[float, list[float]]:
     """One round."""
     scheduler = Scheduler()
     middleware = LocalMiddleware(scheduler)
@@ -92,7 +105,7 @@ def once(sent: list[Any], build: Build) -> tuple[float, list[float]]:
     nodes = build(middleware, scheduler)
     begun = time.process_time()
     for number, message in enumerate(sent, start=1):
-        scheduler.run(number * SECOND // RATE)
+        scheduler.run(round(number * SECOND / rate))
         publisher.publish(message)
     scheduler.run(scheduler.now + SECOND // 5)
     taken = time.process_time() - begun
@@ -161,11 +174,70 @@ def inference(model: TrainedModel, made: list[Any], folder: Path) -> dict[str, f
     return taken
 
 
+def course(seed: int, columns: Sequence[str], rate: float, seconds: float) -> Samples:
+    """A run of channels that repeat, with noise."""
+    random, stamps = np.random.default_rng(seed), np.arange(1, round(seconds * rate) + 1) / rate
+    waves = np.sin(2 * np.pi * stamps[:, None] * (0.2 + 0.02 * np.arange(len(columns))))
+    return Samples(waves + 0.1 * random.standard_normal(waves.shape), stamps, tuple(columns))
+
+
+def made_of_many(columns: Sequence[str], detector: str, rate: float, seconds: float, path: Path) -> None:
+    """Train a detector and store it; autoencoders hardly learn, since only their speed is of interest."""
+    config = Training(detector=detector, before=20.0, cutoff=5.0, samples=4000, epochs=1)
+    runs = [course(seed, columns, rate, seconds) for seed in range(RUNS)]
+    model = learned(runs, config, rate)
+    replace(model, thresholds=(NEVER,) * len(columns)).save(path)
+
+
+def many_channels(count: int, detector: str, rate: float, seconds: float) -> dict[str, Any]:
+    """Share of a core and memory (MB) of the pipeline as one node. Raises ConfigError for a detector that refuses."""
+    joints = tuple(f"joint_{number}" for number in range(count))
+    columns = [f"Efforts.{joint}" for joint in joints]
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "model.skops"
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as other:
+            other.submit(made_of_many, columns, detector, rate, seconds, path).result()
+        new = course(RUNS, columns, rate, seconds)
+        sent = [
+            messages.create(JOINT_STATE, {"header": {"stamp": stamp}, "name": joints, "effort": row})
+            for stamp, row in zip(new.stamps.tolist(), new.values, strict=True)
+        ]
+        configuration = as_one(path)
+        (port,) = configuration.inputs
+        configuration = replace(configuration, inputs=(replace(port, rate=rate),))
+        gc.freeze()
+        idle, _ = drive(sent, lambda middleware, scheduler: [], rate)
+        before = peak(resource.RUSAGE_SELF)
+        taken, _ = drive(
+            sent, lambda middleware, scheduler: [ProcessingNode(middleware, scheduler, configuration)], rate
+        )
+        memory = peak(resource.RUSAGE_SELF) - before
+    return {
+        "what": f"{count} channels at {rate:g} Hz, {detector}", "share": round((taken - idle) / seconds, 4),
+        "memory": round(memory), "training": round(peak(resource.RUSAGE_CHILDREN)),
+    }  # fmt: skip
+
+
+def peak(of: int) -> float:
+    """The peak of the memory of this process, or of those that it has started, MB."""
+    return resource.getrusage(of).ru_maxrss / 1000
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--pipelines", type=int, default=50)
+    parser.add_argument("--channels", type=int, metavar="N", help="channels of one node, instead of all else")
+    parser.add_argument("--detector", default="phase", metavar="NAME")
+    parser.add_argument("--frequency", type=float, default=float(RATE), metavar="HZ", help="samples per second")
     arguments = parser.parse_args()
+    if arguments.channels:
+        try:
+            found = many_channels(arguments.channels, arguments.detector, arguments.frequency, arguments.seconds)
+        except ConfigError as error:
+            sys.exit(str(error))
+        print(json.dumps(found), flush=True)
+        return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         made = estimators()
