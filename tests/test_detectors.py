@@ -123,3 +123,8 @@ def test_a_promise_is_kept_on_200_further_runs():
 def test_a_matrix_that_would_be_too_large_is_refused_with_its_size(name: str):
     with pytest.raises(ConfigError, match=r"matrix of 3050 x 3050 \(74 MB\).*Window 49 or less"):
         fit_detector(name, np.zeros((2, 50, 61)), Training())
+
+
+def test_phases_of_more_than_300_channels_are_refused_with_the_size():
+    with pytest.raises(ConfigError, match=r"phase needs a matrix of 3010 x 3010 \(72 MB\) .* 301 channels"):
+        fit_detector("phase", np.zeros((2, 50, 301)), Training())

@@ -73,7 +73,7 @@ def test_cycles_of_a_table_train_and_judge_with_scores_for_each_time(
     assert 80 / RATE < min(float(row["time"]) for row in above) < 80 / RATE + 1
 
 
-def test_parquet_is_read_as_csv_is(tmp_path: Path):
+def test_parquet_is_read_and_trains_as_csv_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     pd = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
     special = Special("Zeit", "cycle")
@@ -86,6 +86,12 @@ def test_parquet_is_read_as_csv_is(tmp_path: Path):
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one.values, other.values, atol=1e-6)
         np.testing.assert_allclose(one.stamps, other.stamps, atol=1e-5)
+    said = []
+    for file in ("runs.csv", "runs.parquet"):
+        assert train(tmp_path, tmp_path / file) == 0
+        said.append(json.loads(capsys.readouterr().out))
+    assert said[0]["columns"] == said[1]["columns"] == ["left", "right"]
+    np.testing.assert_allclose(said[0]["thresholds"], said[1]["thresholds"], rtol=1e-3)
 
 
 def test_stamps_that_fall_within_a_run_are_refused_with_their_line(tmp_path: Path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
@@ -59,8 +60,11 @@ def judged(folder: Path, capsys: pytest.CaptureFixture[str], run: str) -> tuple[
 
 
 def shown(folder: Path, run: Path) -> dict[str, Any]:
-    given = Namespace(config=folder / "config.yaml", namespace="Arm", topic="")
-    return judged_on_page(folder / "m.skops", run, given)
+    return judged_on_page(folder / "m.skops", run, asked(folder))
+
+
+def asked(folder: Path) -> Namespace:
+    return Namespace(config=folder / "config.yaml", namespace="Arm", topic="")
 
 
 def test_a_recording_of_fame_is_judged_by_the_topics_that_it_has(
@@ -105,7 +109,12 @@ def test_recordings_of_fame_train_with_their_active_elements(
     )
     assert (code, JOINT in found["columns"]) == (0, True)
     assert not any("failed" in text for text in found["warnings"])
-    assert "Event_Re_There" in TrainedModel.load(tmp_path / "m.skops").elements
+    known = TrainedModel.load(tmp_path / "m.skops")
+    assert "Event_Re_There" in known.elements
+    replace(TrainedModel.load(folder / "m.skops"), elements=known.elements, band=known.band).save(tmp_path / "n.skops")
+    monitor = judged_on_page(tmp_path / "n.skops", folder / "held.mcap", asked(folder))
+    said = [re.match(rf"{JOINT} in (\w+): ", text) for alarm in monitor["alarms"] for text in alarm["text"]]
+    assert {each[1] for each in said if each} & known.elements.keys()
 
 
 def test_what_an_incomplete_recording_does_not_show_is_not_benign(
