@@ -15,6 +15,7 @@ from arm_data import BENIGN, BOTH, needs_data, recording
 from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
+from fame.cli import main
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import _HOMES, HEADS, TRAIN, VALIDATION, OutputMatrix, expand_candidates, rows
 from fame.monitor.anomaly.learn import Interface, best, checked, learn, read_data
@@ -473,6 +474,25 @@ def test_a_rate_that_the_runs_cannot_promise_is_told(folder: Path):
     for item in learn(load(folder / "learning.yaml")):
         assert "6 runs promise 0.14 per run at best, 99 are needed" in item.note
         assert card_of(item.model)["False alarms"]["promised per run"] is None
+
+
+@pytest.mark.parametrize(("rises", "steps"), [(0.0, 0.0), (0.02, 0.0), (0.0, 0.3)])
+def test_runs_that_drift_are_told_and_stand_on_the_card(
+    folder: Path, capsys: pytest.CaptureFixture[str], rises: float, steps: float
+):
+    random = np.random.default_rng(3)
+    runs = [circle(1.0, random) + rises * number + steps * (number > 9) for number in range(15)]
+    write_csv(folder / "benign.csv", of_runs(runs, 1, ("a", "b", "c")))
+    single = re.sub(r"  supervised_train.*\n|  testing:\n.*\n", "", FILES) + CLASSIFIERS.replace("  - {name: two", "#")
+    (folder / "learning.yaml").write_text(single + "FalseAlarms: 0.2 per run\n")
+    assert main(["monitor", "adm", "learn", str(folder / "learning.yaml"), "-o", str(folder / "m.skops")]) == 0
+    said, limits = capsys.readouterr().err, card_of(Model.load(folder / "m.skops"))["Limits"]
+    found = [text for text in limits if "drift" in text or "runs before" in text]
+    assert all(f"warning: {text}" in said for text in found)
+    levels = "levels drift from run to run: later runs may raise more alarms than promised: "
+    late = "5 of the last 5 runs exceed thresholds by the runs before; expected: 0.91"
+    assert [text.startswith((levels, late)) for text in found] == [True] * ((rises > 0) + 2 * (steps > 0))
+    assert (late in found) == (steps > 0)
 
 
 def test_copies_of_runs_count_once_in_what_is_promised(folder: Path):

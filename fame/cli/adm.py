@@ -122,6 +122,7 @@ def run_learn(arguments: Namespace) -> int:
     from fame.monitor.anomaly.learn import best, learn, read_data
     from fame.monitor.anomaly.learning_file import load
     from fame.monitor.model_card import origin_of, write_card
+    from fame.monitor.pipeline.training_checks import drifting
 
     learning = load(arguments.config)
     writable(arguments.output)
@@ -139,10 +140,16 @@ def run_learn(arguments: Namespace) -> int:
     model.save(arguments.output)
     write_card(model, arguments.output)
     note(f"{arguments.output}: {chosen.model.alarm_text()}")
+    warnings = drifting(model)
+    for text in warnings:
+        note(f"warning: {text}")
     if arguments.plots is not None:
         _plot(arguments.plots, learned, chosen, data)
     if arguments.json:
-        summary = {"status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen)}
+        summary = {
+            "status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen),
+            "warnings": warnings,
+        }  # fmt: skip
         print(json.dumps(summary, indent=2, default=str))
         return 0
     print(table(HEADS, rows(learned, chosen)))

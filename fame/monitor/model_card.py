@@ -93,6 +93,7 @@ def _of_windows(model: TrainedModel) -> Card:
 def _of_points(model: Model) -> Card:
     from fame.monitor.anomaly.paths import PathDetector
     from fame.monitor.pipeline.detectors import Several
+    from fame.monitor.pipeline.training_checks import drifting
 
     detector = type(getattr(model.detector, "classifier", model.detector)).__name__
     if isinstance(model.detector, Several):
@@ -107,7 +108,7 @@ def _of_points(model: Model) -> Card:
         "False alarms": _alarms(model.calibration, "learned without FalseAlarms"),
         "Threshold": {"score": model.threshold, "in points": model.alarm_text()},
         "Limits": [
-            *_far_threshold(model.calibration),
+            *_far_threshold(model.calibration), *drifting(model),
             "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
             "Stamps are made up at the usual rate where messages have none.",
             *(

@@ -55,6 +55,7 @@ from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT
+from fame.monitor.pipeline.training_checks import drifts
 from fame.monitor.storage import versions
 from fame.text import table
 
@@ -274,7 +275,12 @@ def _learned(
         versions=versions(),
         calibration=calibration,
         band=_band(benign),
-        conditions={RUN_HASHES: sorted(known), LEAST_MOVEMENT: _least_movement(benign)},
+        conditions={
+            RUN_HASHES: sorted(known),
+            LEAST_MOVEMENT: _least_movement(benign),
+            "drifts": drifts(_samples(benign)),
+            "late": _late(whole, learning.folds),
+        },
     )
     evaluations = tuple(
         Evaluation(name, recording, labels, tuple(run_scores(recording, labels)), threshold)
@@ -289,10 +295,23 @@ def _least_movement(benign: Recording) -> list[float]:
     return [float(each) if each > STILL else 0.0 for each in least]
 
 
+def _late(whole: Recording, folds: int) -> int:
+    """Count the benign runs of the last fold that set the threshold: what judges them has learned from all before."""
+    if not folds:
+        return 0
+    copied, numbers = copies(run_hash(run.values) for run in whole), fold_numbers(whole, folds)
+    runs = enumerate(zip(whole.run_labels(), numbers.tolist(), strict=True))
+    return sum(label == BENIGN and fold == folds - 1 and number not in copied for number, (label, fold) in runs)
+
+
+def _samples(benign: Recording) -> list[Samples]:
+    """Return the runs over the number of the point."""
+    return [Samples(run.values, np.arange(len(run), dtype=np.float64), run.joints) for run in benign]
+
+
 def _band(benign: Recording) -> Band:
-    numbers = [np.arange(len(run), dtype=np.float64) for run in benign]
-    runs = [Samples(run.values, places, run.joints) for run, places in zip(benign, numbers, strict=True)]
-    return Band.of(runs, numbers)
+    runs = _samples(benign)
+    return Band.of(runs, [run.stamps for run in runs])
 
 
 class Interface:

@@ -6,19 +6,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import FAR, FEWEST, calibrate
+from fame.monitor.calibration import FAR, FEWEST, Calibration, calibrate, calibrate_runs
 from fame.monitor.data_files import LabelledRun
 from fame.monitor.pipeline.phases import Phases
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import TrainedModel
+
+if TYPE_CHECKING:
+    from fame.monitor.anomaly.model import Model
 
 OUTLIER = 30.0
 """A run whose left-out loss is this many times those of the others, or of the training, is not one of them."""
@@ -217,20 +220,21 @@ def jumps(runs: Sequence[Samples]) -> list[tuple[int, float, float]]:
     return found
 
 
-def drifting(model: TrainedModel) -> list[str]:
-    """Say what changes from run to run: losses, levels, and alarms of the last runs by a model of those before."""
-    assert model.calibration is not None
-    notes = []
-    if _trend(np.log(np.maximum(model.calibration.scores, 1e-12)).mean(axis=1)) < CHANCE / 5:
+def drifting(model: TrainedModel | Model) -> list[str]:
+    """Say what changes from run to run: losses, levels, and alarms of the last runs by a model of those before; without
+    a calibration levels alone."""
+    notes, calibration = [], model.calibration
+    if calibration and _trend(np.log(np.maximum(calibration.scores, 1e-12)).mean(axis=1)) < CHANCE / 5:
         notes.append("losses grow or fall from run to run: the promise needs runs that could come in any order")
+    names = model.columns if isinstance(model, TrainedModel) else model.joints
     levels = [
-        f"{model.columns[channel]} (from {first:.4g} to {last:.4g})"
+        f"{names[channel]} (from {first:.4g} to {last:.4g})"
         for channel, first, last in model.conditions.get("drifts", [])
     ]
     if levels:
-        told = "levels drift from run to run: later runs may raise more alarms than promised"
-        notes.append(f"{told}: {', '.join(levels)}")
-    late, expected, exceed = _split(model)
+        told = "levels drift from run to run: later runs may raise more alarms"
+        notes.append(f"{told}{' than promised' if calibration else ''}: {', '.join(levels)}")
+    late, expected, exceed = _split(calibration, model.conditions) if calibration else (0, 0.0, 0)
     if exceed:
         notes.append(f"{exceed} of the last {late} runs exceed thresholds by the runs before; expected: {expected:.2g}")
     return notes
@@ -256,17 +260,20 @@ def _trend(values: Floats) -> float:
     return max(float(spearmanr(np.arange(count), values).pvalue), 2 / math.factorial(min(count, 20)))
 
 
-def _split(model: TrainedModel) -> tuple[int, float, int]:
-    """Judge the last third of the runs by detector and thresholds of the runs before: their number, how many are
-    expected to exceed these, and how many do; 0 if that may be chance."""
+def _split(calibration: Calibration, conditions: Mapping[str, Any]) -> tuple[int, float, int]:
+    """Judge the last runs, a third or those of the last fold, by detector and thresholds of the runs before: their
+    number, how many are expected to exceed these, and how many do; 0 if that may be chance."""
     from scipy.stats import binom
 
-    assert model.calibration is not None
-    scores = model.calibration.scores
-    late = len(scores) // 3
-    if len(scores) - late < FEWEST:
+    scores = calibration.scores
+    late = conditions.get("late", len(scores) // 3)
+    if not 0 < late <= len(scores) - FEWEST:
         return late, 0.0, 0
-    last = np.array(model.conditions.get("late_scores", scores[-late:]))
-    before = calibrate(scores[:-late], max(model.calibration.asked, 1 / (len(scores) - late + 1)))
+    last = np.array(conditions.get("late_scores", scores[-late:]))
+    asked = max(calibration.asked, 1 / (len(scores) - late + 1))
+    if calibration.levels:
+        before = calibrate(scores[:-late], asked)
+    else:
+        before = calibrate_runs(scores[:-late, 0], asked, least=calibration.least)
     rate, above = before.promised or 0.0, int((last > before.thresholds).any(axis=1).sum())
     return late, late * rate, above if binom.sf(above - 1, late, rate) < CHANCE else 0
