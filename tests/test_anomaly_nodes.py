@@ -78,6 +78,27 @@ def test_benign_runs_pass_and_a_sabotaged_one_raises_the_signal_once():
 
 
 @needs_data
+@pytest.mark.parametrize(("threshold", "verdict"), [(None, "ANOMALOUS"), (9.0, "not judged")])
+def test_a_run_of_an_arm_that_freezes_ends_and_the_next_one_is_judged(threshold: float | None, verdict: str):
+    arm = Arm()
+    operate = arm.operate(threshold=threshold)
+    frozen = np.repeat(runs(21)[200:201], 3 * 518, axis=0)
+    arm.play(np.vstack([runs(21)[:200], frozen[:-200]]))
+    assert operate.runs == []
+    arm.play(frozen)
+    [report] = operate.runs
+    assert not report.judged
+    assert len(arm.heard) == (threshold is None)  # the path detector knows that the arm is late
+    said = next(text for text in arm.texts if text.startswith("run 0: ") and "alarm" not in text)
+    assert said.startswith(f"run 0: {verdict}, score")
+    assert "the arm did not come home within 3 times the longest run" in said
+    assert arm.texts[-1] == "the arm is away from home; its runs are scored from its next rest at home on"
+    arm.play(np.vstack([runs(21)[200:], runs(23, 25)]))
+    operate.close()
+    assert [(each.run, each.judged, each.above) for each in operate.runs[1:]] == [(1, True, False), (2, True, False)]
+
+
+@needs_data
 def test_runs_are_cut_live_as_they_are_cut_afterwards():
     arm = Arm()
     operate = arm.operate()

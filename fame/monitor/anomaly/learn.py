@@ -280,6 +280,7 @@ def _learned(
             LEAST_MOVEMENT: _least_movement(benign),
             "drifts": drifts(_samples(benign)),
             "late": _late(whole, learning.folds),
+            "longest": max(map(len, benign)),
         },
     )
     evaluations = tuple(

@@ -4,6 +4,9 @@ A `RunSegmenter` finds where runs begin. All state of scoring is reset at each b
 scored before the arm has been seen at rest near home or passing it, because the phase of a run under way is unknown.
 
 During a run its score is its anomalous points divided by the points of a nominal run, at its end by its own points.
+
+An arm that has frozen, or its joint states, never comes home. A run that is away from home for `LONG` times the longest
+run of the training ends there: it is not judged, unless its score so far is above the threshold.
 """
 
 from __future__ import annotations
@@ -24,6 +27,9 @@ from fame.monitor.anomaly.recording import JUMP, NEAR, STILL, WHOLE, Recording, 
 from fame.monitor.anomaly.scoring import PointVerdict
 from fame.monitor.pipeline.fields import UnusableMessage, unusable
 
+LONG = 3.0
+"""How many times the longest run of the training an arm may be away from home."""
+
 
 @dataclass(frozen=True, slots=True)
 class Point:
@@ -40,7 +46,8 @@ class Point:
 
 class RunReport(NamedTuple):
     """A run that has ended. `alarm` is the point that raised the alarm; `changes` are the benign changes of the run,
-    such as another speed; `still` are the joints that hardly moved in a run without an alarm, as a dead sensor."""
+    such as another speed; `still` are the joints that hardly moved in a run without an alarm, as a dead sensor;
+    `away`: the run ended because the arm did not come home."""
 
     run: int
     points: int
@@ -51,6 +58,7 @@ class RunReport(NamedTuple):
     alarm: Point | None
     changes: tuple[Change, ...] = ()
     still: tuple[str, ...] = ()
+    away: bool = False
 
     @property
     def judged(self) -> bool:
@@ -62,6 +70,7 @@ class RunReport(NamedTuple):
         """In one line."""
         verdict = "ANOMALOUS" if self.above else "benign" if self.judged else "not judged"
         cut = "" if self.whole else ", cut off before its end"
+        cut = f", the arm did not come home within {LONG:g} times the longest run" if self.away else cut
         cut += f", {', '.join(self.still)} hardly moved" if self.still else ""
         changed = "".join(f"; {change.text}" for change in self.changes)
         points = f"{self.anomalous} of {self.points} points"
@@ -141,7 +150,7 @@ class RunMonitor(ArmRuns):
     model: Model
 
     name = "anomaly_detection"
-    moving = "the arm is moving; its runs are scored from its next rest at home on"
+    moving = "the arm is away from home; its runs are scored from its next rest at home on"
 
     def __init__(
         self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0, limit: int = 0
@@ -156,7 +165,9 @@ class RunMonitor(ArmRuns):
         self._values: list[Sequence[float]] = []
         self._counts: list[int] = []
         self._alarmed: bool = False
+        self._away: int = 0  # points since the arm was at home
         self.waiting: bool = rule == "home"
+        self._longest = LONG * int(model.conditions.get("longest", model.nominal))
         self._clear()
 
     def begin(self) -> None:
@@ -164,18 +175,18 @@ class RunMonitor(ArmRuns):
         self._running = not self.done
         self._clear()
 
-    def end(self) -> None:
+    def end(self, *, away: bool = False) -> None:
         if not self._points:
             return
         points = self._points
         count = sum(point.verdict.anomalous for point in points)
         votes = zip(*(point.verdict.votes for point in points), strict=True)
-        score = self.model.run_score(list(map(sum, votes)), len(points))
+        score = self.model.run_score(list(map(sum, votes)), self.model.nominal if away else len(points))
         alarm = next((point for point in points if point.alarm), None)
-        whole = len(points) >= WHOLE * self.model.nominal
+        whole = len(points) >= WHOLE * self.model.nominal and not away
         changes, above = tuple(self._scorer.changes()), score > self.threshold
         still = () if above else self.model.still(np.array(self._values))
-        self.ended.append(RunReport(self.run, len(points), count, score, above, whole, alarm, changes, still))
+        self.ended.append(RunReport(self.run, len(points), count, score, above, whole, alarm, changes, still, away))
         self.run += 1
         if self.rule == "signal":
             self._running = False
@@ -187,6 +198,10 @@ class RunMonitor(ArmRuns):
             return None
         own = self._segmenter.feed(values)
         self._recent.append((stamp, values))
+        self._away = self._away + 1 if self.rule == "home" and math.hypot(*values) >= NEAR else 0
+        if self._away > self._longest and not self.waiting:
+            self.end(away=True)
+            self.waiting = True
         if self.waiting and own is None:
             self.late |= math.hypot(*values) >= NEAR
             if len(self._recent) < 2 or self.late or not _rests(self._recent[-2][1], values):
@@ -215,7 +230,7 @@ class RunMonitor(ArmRuns):
     def _clear(self) -> None:
         self._points, self._values = [], []
         self._counts = [0] * len(self.model.parts)
-        self._alarmed = False
+        self._alarmed, self._away = False, 0
         self._scorer.reset()
 
 

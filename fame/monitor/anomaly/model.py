@@ -147,8 +147,8 @@ class Model(StoredModel):
     versions     of the packages that made it
     calibration  of the threshold, if it promises a rate of false alarms
     band         of the benign training runs, over the number of the point in its run; None of an earlier version
-    conditions   of the learning, as plain data: its date, what the model replaced, hashes of its runs, and the least
-                 standard deviation of each joint over one of them
+    conditions   of the learning, as plain data: its date, what the model replaced, hashes of its runs, the least
+                 standard deviation of each joint over one of them, the points of the longest one, and drift
     """
 
     kind: ClassVar[str] = "points"
