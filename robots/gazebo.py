@@ -51,5 +51,4 @@ class Supplement:
         return False
 
     def close(self) -> None:
-        """Close the node."""
         self.node.close()

@@ -126,7 +126,6 @@ class Door:
         self._node.service("open", "std_srvs/srv/Trigger", self._on_open)
 
     def close(self) -> None:
-        """Close the node."""
         if self._next is not None:
             self._next.cancel()
         self._node.close()

@@ -204,5 +204,4 @@ def add_time_unit(parser: Parser, default: str) -> None:
 
 
 def add_json(parser: Parser) -> None:
-    """``--json``."""
     parser.add_argument("--json", action="store_true", help="print one JSON object, also after an error")

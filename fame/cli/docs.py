@@ -16,7 +16,6 @@ _SITE = Path(str(files("fame"))) / "site"
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
     parser = command(
         commands, "docs", run, examples=("fame docs", "fame docs cookbook", "fame docs --no-open"),
         help="open the documentation in the browser, offline",

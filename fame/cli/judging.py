@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 
 def add_properties(parser: Parser) -> None:
-    """``--properties``."""
     parser.add_argument(
         "--properties", type=Path, metavar="FILE.yaml",
         help="judge these properties (NAME.properties.yaml), or those of a scenario",

@@ -206,7 +206,6 @@ _PORT = 7447
 
 
 def add_router(commands: Commands) -> None:
-    """``fame router``."""
     parser = command(
         commands, "router", _run_router,
         help="connect processes of several machines over Zenoh: one router on each machine, until Ctrl-C",

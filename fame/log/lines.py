@@ -84,7 +84,6 @@ def usual(id: str, name: ElementInfo) -> Iterator[Mark]:
 
 
 def encoded(text: str) -> bytes:
-    """Return the text as bytes of the file."""
     return text.encode("utf-8", "backslashreplace")
 
 

@@ -130,7 +130,6 @@ class _Variables:
                 self._change(message, gone=False)
 
     def end(self, instant: Sequence[RecordedMessage]) -> None:
-        """Scopes end."""
         for message in instant if self.named else ():
             if message.topic == VARIABLES:
                 self._change(message, gone=True)

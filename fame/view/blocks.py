@@ -51,7 +51,6 @@ class Block:
 
     @property
     def events(self) -> int:
-        """The number of its events."""
         return len(self.columns["t"])
 
     @property
@@ -114,7 +113,6 @@ class Packer:
         return [[block.number, block.start, block.end, block.events] for block in self.blocks[first:until]]
 
     def robot(self, name: str) -> int:
-        """Return the number of a robot."""
         number = self._robot.setdefault(name, len(self.robots))
         if number == len(self.robots):
             self.robots.append(name)

@@ -195,7 +195,6 @@ class Twin:
         node.subscription("joint_trajectory", TRAJECTORY, lambda message: self._cancel())
 
     def close(self) -> None:
-        """Close the node."""
         self._cancel()
         self._node.close()
 

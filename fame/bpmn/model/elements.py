@@ -103,7 +103,6 @@ class DataObject(Element):
         return tuple(name for name, _ in self.values)
 
     def texts(self) -> Iterator[Text]:
-        """Return the values of its variables."""
         return texts("value", *(value for _, value in self.values))
 
 
@@ -220,7 +219,6 @@ class TimerDefinition(EventDefinition):
     expression: Expression | None
 
     def texts(self) -> Iterator[Text]:
-        """Return its time."""
         return texts("timer", self.expression)
 
 
@@ -231,7 +229,6 @@ class ConditionalDefinition(EventDefinition):
     condition: Expression | None
 
     def texts(self) -> Iterator[Text]:
-        """Return its condition."""
         return texts("condition", self.condition)
 
 

@@ -33,7 +33,6 @@ class SequenceFlow(Element):
     condition: Expression | None = None
 
     def texts(self) -> Iterator[Text]:
-        """Return its condition."""
         return texts("condition", self.condition)
 
 
@@ -180,7 +179,6 @@ class Event(FlowNode):
 
     @property
     def tag(self) -> str:
-        """The BPMN tag."""
         return _TAGS[self.place]
 
     @property
@@ -235,7 +233,6 @@ class Gateway(FlowNode):
 
     @property
     def tag(self) -> str:
-        """The BPMN tag."""
         return _TAGS[f"{self.kind} gateway"]
 
     def texts(self) -> Iterator[Text]:
@@ -258,7 +255,6 @@ class MultiInstance:
     line: int = 0
 
     def texts(self) -> Iterator[Text]:
-        """Yield its expressions."""
         yield from texts("mapping", self.cardinality, self.collection, self.output_element)
         yield from texts("condition", self.completion)
 
@@ -277,7 +273,6 @@ class StandardLoop:
     line: int = 0
 
     def texts(self) -> Iterator[Text]:
-        """Return its condition."""
         return texts("condition", self.condition)
 
     def sets(self) -> Iterator[str]:
@@ -335,7 +330,6 @@ class Task(Activity):
 
     @property
     def tag(self) -> str:
-        """The BPMN tag."""
         return _TAGS[f"{self.kind} task"]
 
     def topics(self) -> Iterator[tuple[Topic, bool]]:
@@ -442,7 +436,6 @@ class SubProcess(Activity):
 
     @property
     def tag(self) -> str:
-        """The BPMN tag."""
         return {"transaction": "transaction", "adhoc": "adHocSubProcess"}.get(self.kind, "subProcess")
 
     @property

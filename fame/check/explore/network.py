@@ -51,11 +51,9 @@ class NetworkContents:
         return number
 
     def content(self, number: int) -> Content:
-        """Return the content with a number."""
         return self._contents[number]
 
     def number(self, content: dict[Channel, tuple[int, ...]]) -> int:
-        """Return the number of a content."""
         key = tuple(sorted(content.items()))
         number = self._numbers.get(key)
         if number is None:
