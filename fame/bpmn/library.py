@@ -42,8 +42,6 @@ class Library:
     Raises ConfigError for a folder that does not exist.
     """
 
-    folders: tuple[Path, ...]
-
     def __init__(self, folders: str | Path | Sequence[str | Path] = ()) -> None:
         self.folders: tuple[Path, ...] = tuple(map(Path, [folders] if isinstance(folders, str | Path) else folders))
         for folder in self.folders:

@@ -38,13 +38,6 @@ class ReportReader:
               was heard after a younger one, so that it has not been replaced
     """
 
-    robot: str
-    signed: bool
-    trusted: Sequence[Any]
-    vouched: str
-    patience: float
-    rival: bool
-
     def __init__(
         self,
         robot: str,

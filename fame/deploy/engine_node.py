@@ -94,10 +94,6 @@ class EngineNode:
     process.
     """
 
-    robot: str
-    scheduler: Scheduler
-    middleware: Middleware
-    born: int
     node: Node
 
     def __init__(

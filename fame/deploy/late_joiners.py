@@ -173,10 +173,6 @@ class LateJoiners:
     With the key of `sender` only reports that engines signed count. `log` is called with lines to print.
     """
 
-    scheduler: Scheduler
-    middleware: Middleware
-    node: Node
-
     def __init__(
         self,
         definitions: Definitions,

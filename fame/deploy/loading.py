@@ -211,9 +211,6 @@ LEAVING = round(2.5 * SECOND)
 class LoadedCandidate:
     """A loaded `process` and the `envelope` it came with. `node` is what asks the other robots."""
 
-    envelope: Envelope
-    process: RobotNode
-
     def __init__(
         self, envelope: Envelope, process: RobotNode, *, node: Node, scheduler: Scheduler, middleware: Middleware
     ) -> None:

@@ -41,8 +41,6 @@ class ProtocolMachine(Generic[_State, _Event, _Action]):
     An event that arises while actions are carried out is handled after them: steps never nest.
     """
 
-    state: _State
-
     def __init__(
         self,
         state: _State,

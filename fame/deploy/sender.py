@@ -71,12 +71,6 @@ class Deployment:
     Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
     """
 
-    id: str
-    scheduler: Scheduler
-    middleware: Middleware
-    node: Node
-    envelopes: dict[str, Envelope]
-
     def __init__(
         self,
         definitions: Definitions,

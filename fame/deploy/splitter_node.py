@@ -55,11 +55,6 @@ class SplitterNode:
     With `trusted` public keys only diagrams that one of them signed are taken.
     """
 
-    scheduler: Scheduler
-    middleware: Middleware
-    born: int
-    node: Node
-
     def __init__(
         self,
         *,

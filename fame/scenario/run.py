@@ -60,7 +60,6 @@ class Run:
     scenario: Plan
     progress: Callable[[Progress], object] | None
     on_interrupt: Callable[[], object] | None
-    middleware: LocalMiddleware
 
     def __init__(
         self,

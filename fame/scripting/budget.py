@@ -108,9 +108,6 @@ class Budget:
 
     __slots__ = ("_frame", "_names", "_part", "_spent", "limit", "steps")
 
-    limit: int
-    steps: int
-
     def __init__(self, names: dict[str, Any], limit: int = DEFAULT) -> None:
         self._names = names
         self.limit: int = limit

@@ -136,11 +136,6 @@ class ExpressionParser:
     it needs no conversion.
     """
 
-    dialect: Dialect
-    names: dict[str, None]
-    counts: bool
-    constants: list[Evaluate]
-
     def __init__(self, text: str, dialect: Dialect) -> None:
         self.dialect: Dialect = dialect
         self.names: dict[str, None] = {}

@@ -202,9 +202,6 @@ class TopicListener:
 
     __slots__ = ("_changed", "_keep", "latest", "queues", "subscription", "topic", "type", "waiting")
 
-    topic: str
-    type: str
-
     def __init__(self, topic: str, type: str, changed: Callable[[], object], keep: Wake | None = None) -> None:
         self._keep = keep
         self.topic: str = topic

@@ -175,8 +175,6 @@ class Lambda:
 
     __slots__ = ("_body", "_variables", "names")
 
-    names: tuple[str, ...]
-
     def __init__(self, names: tuple[str, ...], body: Evaluate, variables: Mapping[str, Any]) -> None:
         self.names: tuple[str, ...] = names
         self._body, self._variables = body, variables
