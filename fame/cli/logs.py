@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from fame.cli.arguments import Commands, Parser, add_json, add_types, command, group
 from fame.cli.judging import add_properties, live_judge, subject
 from fame.cli.network import add_network, note_ready
-from fame.cli.output import note, progress_line
+from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -112,7 +112,6 @@ def _expect_recording(path: Path) -> None:
 
 def record(arguments: Namespace) -> int:
     """Record until interrupted, and say what was recorded; the exit code is that of the properties."""
-    from fame.cli.output import table
     from fame.log import Recording
     from fame.log.recording_file import RecordingFile
     from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
@@ -185,7 +184,6 @@ def _write(doing: str, write: Callable[..., Iterable[str]], arguments: Namespace
 
 def judge(arguments: Namespace) -> int:
     """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
-    from fame.cli.output import print_json, table
     from fame.log.bags import is_bag, judge_bag
     from fame.log.judge import judge_log
     from fame.properties.judge import HEADS, exit_code

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_json, add_time_unit, command, group
 from fame.cli.output import note, print_json, table
-from fame.errors import NOT_KNOWN
+from fame.errors import NOT_KNOWN, ConfigError
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -110,7 +110,6 @@ def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[st
 
 def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
-    from fame.errors import ConfigError
     from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, is_bag, read_labelled_runs
     from fame.monitor.pipeline.recording import RecordingOptions, tables_of
 

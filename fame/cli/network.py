@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import BackendNames, Commands, Parser, command, natural
 from fame.cli.output import note
-from fame.errors import FameError
+from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -191,7 +191,6 @@ def note_warning(warning: EndpointWarning) -> None:
 
 def lockstep(middleware: Middleware, holds: Callable[[WireNode], bool]) -> Lockstep:
     """Return the lockstep of the nodes that `holds` accepts. Raises ConfigError for other backends."""
-    from fame.errors import ConfigError
     from fame.middleware.simulated_time import Lockstep
     from fame.middleware.wire_base import WireMiddleware
 

@@ -8,12 +8,15 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from fame.cli.arguments import Commands, add_json, add_time_unit, add_types, command, positive
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
+from fame.errors import NOT_KNOWN, ConfigError, MissionError, UnavailableError
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler, WallScheduler
@@ -61,7 +64,6 @@ def add_process(commands: Commands) -> None:
 def assignment(text: str) -> tuple[str, Any]:
     """``cutoff=5``, ``names=[a, b]``: a value as YAML reads it."""
     from fame.config.loader import parse_document
-    from fame.errors import ConfigError
 
     name, equals, value = text.partition("=")
     if not equals or not name:
@@ -137,10 +139,7 @@ def run_process(arguments: Namespace) -> int:
 
 def _configured(path: Path, arguments: Namespace) -> Configuration:
     """A configuration, with what the command line says instead."""
-    from dataclasses import replace
-
     from fame.config.values import ConfigValue
-    from fame.errors import ConfigError
     from fame.monitor.pipeline.configuration import hertz, load, stages_of
 
     configuration = load(path)
@@ -201,7 +200,6 @@ _SILENT = "its topics were silent"
 
 def run_record(arguments: Namespace) -> int:
     """Record until interrupted, or until the bag ends; exit code 3 if an output lacks some of what came."""
-    from fame.errors import NOT_KNOWN, MissionError
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions, record_bag
 
@@ -301,9 +299,6 @@ def add_train(commands: Commands) -> None:
 
 def run_train(arguments: Namespace) -> int:
     """Train on tables, and on bags by the Inputs of a configuration."""
-    from dataclasses import replace
-
-    from fame.errors import ConfigError
     from fame.imports import require
     from fame.monitor.data_files import is_bag
     from fame.monitor.pipeline.recording import RecordingOptions, tables_of
@@ -333,8 +328,6 @@ def _failed(files: Sequence[str]) -> dict[str, list[str]]:
 def _train(arguments: Namespace, training: Training, file: str, files: Sequence[str], complete: Complete) -> int:
     """Train, store the model with its card, and print the result; `files` are what the user named, and `complete` says
     what was left out of them."""
-    from dataclasses import replace
-
     from fame.monitor.data_files import hash_files
     from fame.monitor.model_card import origin_of, write_card
     from fame.monitor.pipeline.train import train
@@ -382,9 +375,6 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
 
 def _training(arguments: Namespace) -> tuple[Training, str]:
     """Return the settings of a configuration or of options, and the file that errors name. Raises ConfigError."""
-    from dataclasses import replace
-
-    from fame.errors import ConfigError
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.train import Training, training_of
 
@@ -413,9 +403,6 @@ def _compare(training: Training, report: Callable[[str], object], *, keep: bool)
 def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: Path) -> None:
     """Raise ConfigError for a detector that knows its own runs only, or runs that are unlike the others: these are
     drawn on a page beside the model, if matplotlib is there."""
-    from contextlib import suppress
-
-    from fame.errors import ConfigError, UnavailableError
     from fame.monitor.pipeline.training_checks import memorised, outliers
 
     if text := memorised(model):
@@ -433,8 +420,6 @@ def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: P
 
 def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int, str], page: Path) -> None:
     """Draw strange runs of the training in the band of the others."""
-    from dataclasses import replace
-
     from fame.monitor.data_files import read_labelled_runs
     from fame.monitor.judge import judge_trained
     from fame.monitor.judge_report import write_refused
@@ -473,8 +458,6 @@ def _detector_text(model: TrainedModel) -> str:
 
 def _trained(path: Path, model: TrainedModel, training: Training, warnings: list[str]) -> dict[str, Any]:
     """The object of ``--json``."""
-    from dataclasses import asdict
-
     from fame.monitor.pipeline.detectors import detector_name
 
     calibration = model.calibration

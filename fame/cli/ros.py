@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Commands, add_json, add_types, command, natural, positive
 from fame.cli.network import add_network, connected
 from fame.cli.output import print_json, table
+from fame.errors import ConfigError, MissionError
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
@@ -61,8 +62,6 @@ def _list_parameters(client: Any, arguments: Namespace) -> int:
 
 
 def _get_parameter(client: Any, arguments: Namespace) -> int:
-    from fame.errors import ConfigError
-
     (value,) = client.get([arguments.name]) or [None]
     if value is None:
         known = ", ".join(client.names()) or "none"
@@ -204,7 +203,6 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
 
 
 def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
-    from fame.errors import ConfigError, MissionError
     from fame.imports import require
     from fame.monitor.pipeline.topic_tools import Series, parse_path, wait_for_types
     from fame.monitor.plots import plot_series

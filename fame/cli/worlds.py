@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, command, natural, positive
 from fame.cli.network import add_network, connected, lockstep, note_ready, note_warning, wait_until
-from fame.errors import ConfigError
+from fame.errors import ConfigError, DeploymentError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -112,7 +112,6 @@ def resume(arguments: Namespace) -> int:
 
 def _call(arguments: Namespace, service: str) -> int:
     """Call a service of the world without arguments, and wait for its answer. Raises DeploymentError."""
-    from fame.errors import DeploymentError
     from fame.scenario.world_process import EMPTY
 
     answers: list[object] = []

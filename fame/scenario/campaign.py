@@ -13,22 +13,23 @@ import math
 import shlex
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
-from fame.scenario.plan import Fault
+from fame.scenario.plan import Fault, named_files, read_scenario
 from fame.scenario.property_statistics import columns
+from fame.scenario.run import Run
+from fame.scenario.scenario import Scenario
 from fame.scenario.settings import ALL
-from fame.scenario.variation import FAULTS, Variation, points
+from fame.scenario.variation import FAULTS, Distribution, Variation, changed, points
 from fame.text import suggestion
 
 if TYPE_CHECKING:
     from fame.robot.events import Observer
-    from fame.scenario.scenario import Scenario
 
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
 _FILES = "files"
@@ -77,8 +78,6 @@ class Job:
 def run_job(job: Job) -> _Row:
     """Execute a run and return its row. An impossible world is a status, not an error."""
     from fame.middleware.messages import register_files
-    from fame.scenario.run import Run
-    from fame.scenario.scenario import Scenario
 
     for folder in job.types:
         register_files(folder)
@@ -186,13 +185,9 @@ def parse_fault(text: str) -> Fault:
     """Return a fault as on the command line: ``REX@40:engine``. Raises ConfigError."""
     robot, at, rest = text.partition("@")
     time, colon, kind = rest.partition(":")
-    try:
-        return Fault(robot, float(time), kind) if at and colon and kind else _no_fault(text)
-    except ValueError:
-        return _no_fault(text)
-
-
-def _no_fault(text: str) -> Fault:
+    with suppress(ValueError):
+        if at and colon and kind:
+            return Fault(robot, float(time), kind)
     raise ConfigError(f"expected a fault ROBOT@SECOND:KIND, as in REX@40:engine, got {text!r}")
 
 
@@ -229,8 +224,6 @@ class Campaign:
 
     def jobs(self) -> list[Job]:
         """Return all runs, in order. Raises ConfigError for a scenario or variation that is wrong."""
-        from fame.scenario.plan import read_scenario
-
         yaml = Path(self.scenario).suffix.lower() in (".yaml", ".yml")
         world = read_scenario(Path(self.scenario)).world if yaml else None
         return [
@@ -252,9 +245,6 @@ class Campaign:
     def check(self) -> None:
         """Raise the error of a scenario or model that is wrong for all values."""
         from fame.config.loader import read_document
-        from fame.scenario.run import Run
-        from fame.scenario.scenario import Scenario
-        from fame.scenario.variation import changed
 
         paths = [one.path for one in self.variation.distributions if one.path != FAULTS]
         if paths and Path(self.scenario).suffix.lower() in (".yaml", ".yml"):
@@ -264,9 +254,6 @@ class Campaign:
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of the scenario, of what it names, and of the models, by file."""
-        from fame.scenario.plan import named_files
-        from fame.scenario.scenario import Scenario
-
         scenario = Scenario.load(self.scenario, library=self.library)
         found = {one.file: one.source for one in scenario.closures()}
         for kind, path in named_files(Path(self.scenario)):
@@ -276,8 +263,6 @@ class Campaign:
 
     def check_property(self, name: str | None) -> None:
         """Raise ConfigError if the scenario has no property of this name; None: of any name."""
-        from fame.scenario.scenario import Scenario
-
         known = [each.name for each in Scenario.load(self.scenario, library=self.library).properties]
         if name is not None and name not in known:
             raise ConfigError(f"unknown property {name!r}; {suggestion(name, known)}", file=self.scenario)
@@ -405,8 +390,6 @@ class Folder:
 
     def campaign(self) -> Campaign:
         """Return the campaign of the folder. Raises ConfigError."""
-        from fame.scenario.variation import Distribution
-
         about = self._about()
         about.pop(_FILES, None)
         variation = about.pop("variation")

@@ -14,6 +14,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool
 from fame.clock import EPOCH, parse_epoch
+from fame.config.loader import read_document
 from fame.config.values import Source
 from fame.engine.data import is_variable
 from fame.errors import ConfigError, MessageError
@@ -188,7 +189,6 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
 
     Raises ConfigError with file, line and key.
     """
-    from fame.config.loader import read_document
     from fame.properties.files import poses_of, properties_of
     from fame.scenario.settings import read_network, read_variables
     from fame.scenario.variation import changed
@@ -235,7 +235,6 @@ def named_files(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -
     ``scenario``, ``models``, ``world``, ``code`` (own types of robots); ``module`` is a module by its name, no file.
     Raises ConfigError.
     """
-    from fame.config.loader import read_document
     from fame.scenario.variation import changed
 
     if path.suffix.lower() not in (".yaml", ".yml"):
@@ -325,7 +324,6 @@ def _completion(value: ConfigValue) -> tuple[Completion, str]:
 
 def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
     """Read the world and the seed of a scenario file, or of a world file (seed 0). Raises ConfigError."""
-    from fame.config.loader import read_document
     from sim2d.config import read_world
 
     if path.suffix.lower() in (".bpmn", ".xml"):

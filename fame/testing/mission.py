@@ -34,7 +34,7 @@ from fame.scenario.run import Run
 from fame.scenario.settings import ALL, with_parameters
 from fame.testing.elements import Elements
 from fame.testing.expectations import Expectation, PropertyExpectation
-from fame.testing.failure import failure, save_diagrams
+from fame.testing.failure import ExpectationError, failure, save_diagrams
 from fame.testing.fakes import Fakes
 from fame.testing.late_recording import LateFile
 from fame.testing.stubs import Stub, StubLibrary
@@ -584,7 +584,6 @@ class MissionLoader:
         `allow_partial`.
         """
         from fame.scenario.exploration import explore
-        from fame.testing.failure import ExpectationError
 
         result = explore(self._found(path), **self._options(options))
         if result.status == "failed" or (result.status == "partial" and not allow_partial):
