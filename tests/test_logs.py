@@ -18,7 +18,7 @@ from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.errors import ConfigError
-from fame.log import COLUMNS, logging_to, outcomes, visits
+from fame.log import COLUMNS, logging_to
 from fame.log.elements import element_info
 from fame.log.reading import run_outcomes
 from fame.robot import Event
@@ -150,7 +150,7 @@ def test_the_file_is_whole_when_the_run_breaks_off(ending: str, tmp_path: Path) 
         status = ET.fromstring(text).find(f".//{XES}trace/{XES}string[@key='status']")
         assert status.get("value") == "running"
     else:
-        assert visits(path)["look"] == 1
+        assert run_outcomes(path, read_text(SMALL, file="patrol.bpmn")).tallies["look"] == {"waiting": 1}
 
 
 def test_a_log_in_a_folder_that_is_not_there_makes_it(tmp_path: Path) -> None:
@@ -243,16 +243,9 @@ def test_of_equal_ids_in_several_files_the_first_counts() -> None:
 
 
 @pytest.mark.parametrize("ending", ["jsonl", "csv", "mcap"])
-def test_visits_tell_where_the_run_went(ending: str, tmp_path: Path) -> None:
-    logged(tmp_path / f"run.{ending}")
-    went = {"s": 1, "f1": 1, "look": 1, "f2": 1, "search": 1, "s2": 1, "f4": 1, "ask": 1, "late": 1, "f3": 1, "e": 1}
-    assert visits(tmp_path / f"run.{ending}") == went
-
-
-@pytest.mark.parametrize("ending", ["jsonl", "csv", "mcap"])
 def test_outcomes_tell_what_was_completed_and_cancelled(ending: str, tmp_path: Path) -> None:
     logged(tmp_path / f"run.{ending}")
-    came = outcomes(tmp_path / f"run.{ending}", read_text(SMALL, file="patrol.bpmn"))
+    came = run_outcomes(tmp_path / f"run.{ending}", read_text(SMALL, file="patrol.bpmn")).tallies
     assert {id for id, tally in came.items() if tally == {"cancelled": 1}} == {"search", "ask"}
     assert {id for id, tally in came.items() if tally == {"completed": 1}} == {
         "s", "f1", "look", "f2", "s2", "f4", "late", "f3", "e",
@@ -261,7 +254,7 @@ def test_outcomes_tell_what_was_completed_and_cancelled(ending: str, tmp_path: P
 
 def test_what_has_not_ended_with_the_log_is_waiting(tmp_path: Path) -> None:
     logged(tmp_path / "run.jsonl", until=1.0)
-    came = outcomes(tmp_path / "run.jsonl", read_text(SMALL, file="patrol.bpmn"))
+    came = run_outcomes(tmp_path / "run.jsonl", read_text(SMALL, file="patrol.bpmn")).tallies
     assert came["look"] == {"waiting": 1}
 
 
@@ -270,7 +263,7 @@ def test_a_task_that_raises_an_error_has_failed(tmp_path: Path) -> None:
     definitions = read_text(text, file="patrol.bpmn")
     with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
         fame.Simulation(definitions, observer=write).run()
-    assert outcomes(tmp_path / "run.jsonl", definitions)["look"] == {"failed": 1}
+    assert run_outcomes(tmp_path / "run.jsonl", definitions).tallies["look"] == {"failed": 1}
 
 
 @pytest.mark.parametrize("ending", ["jsonl", "csv", "mcap"])
@@ -290,7 +283,7 @@ def test_an_end_event_that_raises_an_error_has_failed_once(tmp_path: Path) -> No
     definitions = read_text(text, file="raise.bpmn")
     with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
         fame.Simulation(definitions, observer=write).run()
-    assert outcomes(tmp_path / "run.jsonl", definitions)["e"] == {"failed": 1}
+    assert run_outcomes(tmp_path / "run.jsonl", definitions).tallies["e"] == {"failed": 1}
 
 
 @pytest.mark.parametrize(
@@ -304,7 +297,7 @@ def test_an_end_event_that_raises_an_error_has_failed_once(tmp_path: Path) -> No
 def test_the_log_of_another_model_is_refused(other: str, found: str, tmp_path: Path) -> None:
     logged(tmp_path / "run.jsonl")
     with pytest.raises(ConfigError, match=found):
-        outcomes(tmp_path / "run.jsonl", read_text(other, file="other.bpmn"))
+        run_outcomes(tmp_path / "run.jsonl", read_text(other, file="other.bpmn"))
 
 
 @pytest.mark.parametrize(
@@ -320,7 +313,7 @@ def test_the_log_of_another_model_is_refused(other: str, found: str, tmp_path: P
 def test_what_is_no_log_is_refused(name: str, text: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(ConfigError, match=name):
-        visits(tmp_path / name)
+        run_outcomes(tmp_path / name, read_text(SMALL, file="patrol.bpmn"))
 
 
 # ---- a whole mission -------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     writing        the files; .mcap files are recordings (docs/recordings.md)
     lines, xes     JSON Lines and CSV; IEEE 1849
     elements       names and kinds of elements
-    reading        visited elements, and the outcomes of their executions
+    reading        the outcomes of the executions of elements
     channels       topics and schemas of a recording
     recorder       collects what the recording of a run in one process has
     recording_file writes it: the file, its channels
@@ -36,7 +36,6 @@ from fame.imports import attach
 if TYPE_CHECKING:
     from fame.log.lines import COLUMNS as COLUMNS
     from fame.log.live_team import LiveTeam as LiveTeam
-    from fame.log.reading import outcomes as outcomes, visits as visits
     from fame.log.recorder import About as About
     from fame.log.recording import Recording as Recording
     from fame.log.team_state import TeamState as TeamState

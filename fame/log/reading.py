@@ -26,26 +26,6 @@ _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 """Marks of the engine; other events of a log come from scripts and robots."""
 
 
-def visits(path: str | Path) -> Counter[str]:
-    """Return how often a token reached each element and each flow, from a .jsonl or .csv log, or a recording.
-
-    Raises ConfigError if the file is not such a log.
-    """
-    with rows_of(path) as rows:
-        return Counter(row["element"] for row in rows if row["what"] in ("enter", "take"))
-
-
-def outcomes(
-    path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()
-) -> dict[str, Counter[ElementOutcome]]:
-    """Return how often each element of a model had each outcome, from a log or recording. Flows are completed.
-
-    `robots`: of these alone. An execution is waiting if it had not ended when the log ended, and cancelled if its
-    process ended first. Raises ConfigError if the file is not such a log, belongs to another model, or lacks a robot.
-    """
-    return run_outcomes(path, definitions, robots=robots).tallies
-
-
 @dataclass(frozen=True, slots=True)
 class RunOutcomes:
     """The path of a run: outcomes by element, the robots (of those wanted), its first and last second, and errors.
@@ -73,7 +53,11 @@ class RunOutcomes:
 
 
 def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()) -> RunOutcomes:
-    """Return the path of a run through a model. See `outcomes`."""
+    """Return the path of a run through a model, from a .jsonl or .csv log or a recording. Flows are completed.
+
+    `robots`: of these alone. An execution is waiting if it had not ended when the log ended, and cancelled if its
+    process ended first. Raises ConfigError if the file is not such a log, belongs to another model, or lacks a robot.
+    """
     instances: dict[tuple[str, str], _Instance] = {}
     seconds: list[float] = []
     violations: list[tuple[float, str, str, str]] = []
@@ -99,14 +83,14 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
     found: defaultdict[str, Counter[ElementOutcome]] = defaultdict(Counter)
     for instance in chosen.values():
         for element, counts in instance.counts.items():
-            found[element] += instance.tally(counts)
+            found[element] += tally(counts, over=instance.ended)
     violations = [one for one in violations if not robots or one[1] in robots]
     for _, _, element, _ in violations:
         if element:
             found[element]["violated"] += 1
     failed = [(key[0], instance.failure) for key, instance in chosen.items() if instance.failure is not None]
     return RunOutcomes(
-        tallies={element: tally for element, tally in found.items() if tally},
+        tallies={element: counts for element, counts in found.items() if counts},
         robots=[robot for robot in there if not robots or robot in robots],
         start=seconds[0] if seconds else 0.0,
         end=seconds[-1] if seconds else 0.0,
@@ -141,16 +125,18 @@ class _Instance:
             if scope == self.root:
                 self.own.add(element)
 
-    def tally(self, counts: Counter[str]) -> Counter[ElementOutcome]:
-        """Return the outcomes of one element. An error end event has the marks leave and fail,
-        which count as one failure."""
-        under_way = counts["enter"] - counts["leave"] - counts["cancel"] - counts["fail"]
-        completed = counts["take"] + counts["leave"] + min(under_way, 0)
-        tally: Counter[ElementOutcome] = Counter(
-            {"failed": counts["fail"], "cancelled": counts["cancel"], "completed": completed}
-        )
-        tally["cancelled" if self.ended else "waiting"] += max(under_way, 0)
-        return +tally
+
+def tally(counts: Mapping[str, int], *, over: bool) -> Counter[ElementOutcome]:
+    """Return how often an element had each outcome, from the counts of its marks. `over`: nothing runs any more.
+
+    An error end event has the marks leave and fail, which count as one failure.
+    """
+    left, failed, cancelled = counts.get("leave", 0), counts.get("fail", 0), counts.get("cancel", 0)
+    under_way = counts.get("enter", 0) - left - failed - cancelled
+    completed = left + counts.get("take", 0) - min(failed, max(0, -under_way))
+    found = Counter[ElementOutcome]({"completed": completed, "failed": failed, "cancelled": cancelled})
+    found["cancelled" if over else "waiting"] += max(0, under_way)
+    return +found
 
 
 def _check_same_model(instances: Iterable[_Instance], definitions: Definitions, file: str) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from fame.bpmn.draw.style import ElementOutcome
 from fame.clock import SECOND
 from fame.errors import FameError
+from fame.log.reading import tally
 from fame.testing.trace import TraceStep
 
 if TYPE_CHECKING:
@@ -113,10 +114,5 @@ def _tallies(mission: MissionUnderTest) -> dict[str, dict[str, Counter[ElementOu
         counts[step.element][step.what] += 1
     found: dict[str, dict[str, Counter[ElementOutcome]]] = {}
     for element, file in names.items():
-        seen = counts[element]
-        tally: Counter[ElementOutcome] = Counter()
-        tally["completed"] = seen["leave"] + seen["take"]
-        tally["failed"], tally["cancelled"] = seen["fail"], seen["cancel"]
-        tally["waiting"] = max(0, seen["enter"] - seen["leave"] - seen["fail"] - seen["cancel"])
-        found.setdefault(file, {})[element] = +tally
+        found.setdefault(file, {})[element] = tally(counts[element], over=False)
     return found

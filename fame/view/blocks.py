@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
 from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
+from fame.log.reading import tally
 from fame.log.recording import scene_values
 from fame.robot.plain_values import plain
 from fame.robot.robot_state import ended_of
@@ -255,7 +256,9 @@ class Packer:
             ended = ended_of(data)
             state.ends[robot] = sum(ended.values()), ended.get("failed", 0), statuses[-1], -1
         for id, counts in data["counts"].items():
-            state.counts[robot, self._number_in(robot, id, NOWHERE)] = _outcomes(counts, over=over)
+            done = tally(counts, over=over)
+            number = self._number_in(robot, id, NOWHERE)
+            state.counts[robot, number] = [done["completed"], done["failed"], done["cancelled"]]
 
     def _place_token(
         self, robot: int, token: Mapping[str, Any], known: Mapping[_Place, int], unknown: dict[_Place, int]
@@ -395,11 +398,3 @@ class Packer:
 def _place(entry: Mapping[str, Any]) -> _Place:
     """Where a token or scope of a key message is."""
     return entry["instance"], tuple(entry["path"])
-
-
-def _outcomes(counts: Mapping[str, int], *, over: bool) -> list[int]:
-    """How often an element completed, failed and was cancelled, from the counts of a key. `over`: no instance runs."""
-    left, failed, cancelled = counts.get("leave", 0), counts.get("fail", 0), counts.get("cancel", 0)
-    under_way = counts.get("enter", 0) - left - failed - cancelled
-    completed = left + counts.get("take", 0) - min(failed, max(0, -under_way))  # error end events leave and fail
-    return [completed, failed, cancelled + (max(0, under_way) if over else 0)]

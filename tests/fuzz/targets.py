@@ -410,10 +410,11 @@ def _channels() -> list[bytes]:
 
 def read_log(data: bytes) -> None:
     """A log of a run as JSON Lines or CSV: the way of its tokens, and what properties say of it."""
-    from fame.log.reading import visits
+    from fame.log.reading import rows_of
 
     suffix = ".jsonl" if data[:1] == b"{" else ".csv"
-    visits(_file(f"run{suffix}", data))
+    with rows_of(_file(f"run{suffix}", data)) as rows:
+        list(rows)
     judge_log(suffix, data)
 
 

@@ -65,7 +65,7 @@ def draw(
     """Return the diagrams of a file as one SVG document.
 
     `visited` shows a run: ids of elements and flows, once for each completion; id -> number of completions; or id ->
-    number of executions with each outcome (`fame.log.outcomes`). Each outcome is shown by a colour, a symbol and a
+    number of executions with each outcome (`fame.log.reading`). Each outcome is shown by a colour, a symbol and a
     number. `words` name outcomes in the legend; `notes` are lines of text below it. Raises ModelError if the file has
     no diagram.
     """
