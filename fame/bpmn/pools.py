@@ -7,7 +7,7 @@ A pool belongs to the robot whose namespace is its name, ignoring case; a multi-
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fame.bpmn.library import Library
@@ -66,9 +66,15 @@ def pools_of(definitions: Definitions) -> list[Pool]:
 def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Mapping[str, TopicUse]:
     """Return the topics of a collaboration, including called processes. Raises ModelError for a
     topic with two types."""
+    return topics_of_processes(all_processes(definitions, pools, library))
+
+
+def all_processes(
+    definitions: Definitions, pools: Iterable[Pool], library: Library
+) -> Collection[tuple[Definitions, Process]]:
+    """Return the processes of some pools and those that they call, each with its file. Raises ModelError."""
     closures = (library.closure(definitions, pool.process) for pool in pools)
-    found = {(home.file, process.id): (home, process) for closure in closures for home, process in closure}
-    return topics_of_processes(found.values())
+    return {(home.file, process.id): (home, process) for closure in closures for home, process in closure}.values()
 
 
 def assign_pools(
@@ -101,6 +107,15 @@ def assign_pools(
             have = f"the robots are {there}" if there else "there are no robots"
             raise ConfigError(f"pool {pool.name!r} has no robot {expected_robots(pool)}; {have}", file=file)
     return bound
+
+
+def robot_names(pools: Iterable[Pool], counts: Mapping[str, int], least: int = 0) -> list[str]:
+    """Return names for the robots of some pools: `counts` by name of the pool, else at least `least`."""
+    names: list[str] = []
+    for pool in pools:
+        numbers = range(1, counts.get(pool.name, max(least, pool.minimum)) + 1)
+        names += [f"{pool.name}_{number}" for number in numbers] if pool.multi_instance else [pool.name]
+    return names
 
 
 def matches(robot: str, pool: Pool) -> bool:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeGuard
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.bpmn.pools import Pool, assign_pools, pools_of
+from fame.bpmn.pools import Pool, assign_pools, pools_of, robot_names
 from fame.check.explore import Exploration, Request, explore_from, explore_team
 from fame.clock import Scheduler
 from fame.errors import ConfigError, FameError, expect
@@ -131,7 +131,7 @@ def explore_found(definitions: Definitions, library: Library, found: Mapping[str
     """
     there = {pool.name for pool in found.values()}
     missing = [pool for pool in pools_of(definitions) if pool.name not in there]
-    others = assign_pools(missing, _names(missing, {}), file=definitions.file)
+    others = assign_pools(missing, robot_names(missing, {}, FEWEST), file=definitions.file)
     cast = {**found, **others}
     return explore_team(definitions, library, cast, Request(properties=_said(definitions, library, cast)))
 
@@ -187,21 +187,13 @@ def cast_of(
 
     definitions = read(model)
     pools = pools_of(definitions)
+    multiple = {pool.name.casefold(): pool.name for pool in pools if pool.multi_instance}
     for name in robots:
-        if not any(pool.multi_instance and pool.name.casefold() == name.casefold() for pool in pools):
-            known = ", ".join(pool.name for pool in pools if pool.multi_instance) or "none"
+        if name.casefold() not in multiple:
+            known = ", ".join(multiple.values()) or "none"
             raise ConfigError(f"unknown multi-instance pool {name!r}; there are: {known}", file=definitions.file)
-    counts = {name.casefold(): count for name, count in robots.items()}
+    counts = {multiple[name.casefold()]: count for name, count in robots.items()}
     found = Library(library)
     for pool in pools:
         found.closure(definitions, pool.process)
-    return definitions, found, assign_pools(pools, _names(pools, counts), file=definitions.file)
-
-
-def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
-    """The robots of some pools; `counts` by name in small letters, where their number is given."""
-    names = []
-    for pool in pools:
-        count = counts.get(pool.name.casefold(), max(FEWEST, pool.minimum))
-        names += [f"{pool.name}_{n}" for n in range(1, count + 1)] if pool.multi_instance else [pool.name]
-    return names
+    return definitions, found, assign_pools(pools, robot_names(pools, counts, FEWEST), file=definitions.file)

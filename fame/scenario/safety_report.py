@@ -49,7 +49,7 @@ def safety_report(
 
     `command` repeats it, with this `version` of FAME; `coverage` is that of tests.
     """
-    files = _files(scenario)
+    files = scenario.closures()
     parts = [
         f"<h1>{escape(Path(result.file).name)}: what was checked</h1>",
         f'<p class="{_CLASSES.get(result.status, "open")}">{_WORDS[result.status]}</p>',
@@ -88,14 +88,6 @@ def _section(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) ->
     head = "".join(f"<th>{escape(one)}</th>" for one in heads)
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     yield f"<table><tr>{head}</tr>{body}</table>" if lines else "<p>None.</p>"
-
-
-def _files(scenario: Scenario) -> list[Definitions]:
-    """The model of the mission and the files of all that it calls."""
-    found = {scenario.definitions.file: scenario.definitions}
-    for pool in {id(pool): pool for pool in scenario.cast.values()}.values():
-        found |= {home.file: home for home, _ in scenario.library.closure(scenario.definitions, pool.process)}
-    return list(found.values())
 
 
 def _hashes(files: Sequence[Definitions], scenario: Scenario, result: Exploration) -> Iterator[tuple[str, str]]:

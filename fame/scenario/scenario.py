@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
+from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, of_error
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
@@ -196,7 +196,7 @@ def _assign(
     counts = _counts(pools, robots, file)
     world = _populated(content.world, counts, seed) if content.world is not None else None
     bodies = [robot.name for robot in world.robots] if world is not None else []
-    names = [*bodies, *content.computers] if world is not None or content.computers else _names(pools, counts)
+    names = [*bodies, *content.computers] if world is not None or content.computers else robot_names(pools, counts)
     expected = [pool for pool in pools if counts.get(pool.name) != 0]
     for name in bodies if content.world is not None else []:
         if not any(matches(name, pool) for pool in expected):
@@ -237,15 +237,6 @@ def _populated(world: WorldConfig, counts: Mapping[str, int], seed: int) -> Worl
         own = next((prefix for prefix in prefixes if prefix.casefold() == name.casefold()), name)
         world = replace(world, robots=place(world, own, count, seed))
     return world
-
-
-def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
-    """Names of the robots of a scenario without a world."""
-    names = []
-    for pool in pools:
-        numbers = range(1, counts.get(pool.name, pool.minimum) + 1)
-        names += [f"{pool.name}_{number}" for number in numbers] if pool.multi_instance else [pool.name]
-    return names
 
 
 def _scenario_file(path: Path, changes: Mapping[str, Any]) -> ScenarioFile:

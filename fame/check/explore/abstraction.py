@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 
 from fame.bpmn import model
 from fame.bpmn.library import Library
-from fame.bpmn.pools import Pool
+from fame.bpmn.pools import Pool, all_processes
 from fame.bpmn.topics import TopicUse
 from fame.check.explore.aliases import SHARED, Aliases
 from fame.check.explore.purity import may_raise
@@ -343,21 +343,21 @@ def abstraction(
     named       error codes that properties name
     """
     thrown, caught = set[str](), set[str]()
-    for pool in pools:
-        for home, process in library.closure(definitions, pool.process):
-            for topic, throws in _ends(home, process):
-                (thrown if throws else caught).add(topic)
+    reached = all_processes(definitions, pools, library)
+    for home, process in reached:
+        for topic, throws in _ends(home, process):
+            (thrown if throws else caught).add(topic)
     found = Abstraction(library, types, read=read, named=named)
     found.shared = frozenset(topic for topic in thrown & caught if topic[0] == "/")
     found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
-    processes = {id(one): one for pool in pools for _, one in library.closure(definitions, pool.process)}
-    found.counted = _counted(processes.values()) - read
-    found.unknown = frozenset() if given else _unknown(processes.values(), found.outside - thrown, parameters)
-    found.called = frozenset(one.called for process in processes.values() for one in process.body.calls())
-    found.catches = _caught_in(processes.values(), model.ErrorDefinition)
-    found.escalations = _caught_in(processes.values(), model.EscalationDefinition) - {""}
+    processes = [process for _, process in reached]
+    found.counted = _counted(processes) - read
+    found.unknown = frozenset() if given else _unknown(processes, found.outside - thrown, parameters)
+    found.called = frozenset(one.called for process in processes for one in process.body.calls())
+    found.catches = _caught_in(processes, model.ErrorDefinition)
+    found.escalations = _caught_in(processes, model.EscalationDefinition) - {""}
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
-    found.aliases = Aliases(body for process in processes.values() for body in process.body.bodies())
+    found.aliases = Aliases(body for process in processes for body in process.body.bodies())
     found.needed = _needed(found, [body for inside in bodies.values() for body in inside])
     found.forget()
     bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Element, Process
-from fame.bpmn.pools import Pool, shared_topics
+from fame.bpmn.pools import Pool, all_processes, shared_topics
 from fame.check.explore.abstraction import STEP, Abstraction, abstraction
 from fame.check.explore.faults import Faults
 from fame.check.explore.findings import FAILING, KINDS, LEVELS, ExplorationReport, Finding, FindingKind
@@ -356,7 +356,7 @@ class Team:
         """What happens in some runs, and whether they would go on."""
         options = Options(delivery=delivery, reduced=False, stop=stop, given=self.given)
         product = Product(self.robots, self.locals, options)
-        bodies = (_elements(process) for _, process in _closure(self.definitions, self.pools, self.library))
+        bodies = (_elements(process) for _, process in all_processes(self.definitions, self.pools, self.library))
         sampler = Sampler(product, durations(bodies), stop, steps)
         with self._until(stop):
             try:
@@ -437,7 +437,7 @@ class Team:
 
     def _sourceless(self) -> Iterator[tuple[int, str]]:
         """Signals in a collaboration that no robot throws, and of which neither model nor scenario has a source."""
-        named = {one.id for home, process in _closure(self.definitions, self.pools, self.library)
+        named = {one.id for home, process in all_processes(self.definitions, self.pools, self.library)
                  for one in _elements(process) if one.properties.get("outside")}  # fmt: skip
         nodes = [(place, node.id, node.catch.topic, local) for place, local in enumerate(self.locals)
                  for node in local.program.nodes if node.catch is not None]  # fmt: skip
@@ -633,9 +633,7 @@ def _cause(finding: Finding) -> tuple[str, str]:
     if finding.kind in FAILING:
         kind = "never" if finding.kind == "never" else "wait"
         return (kind, repr([place.element for place in finding.places] + [finding.accepted]))
-    if finding.kind in ("always-lost", "unneeded", "growth"):
-        return (finding.kind, finding.text)
-    if finding.kind == "fault":
+    if finding.kind in ("always-lost", "unneeded", "growth", "fault"):
         return (finding.kind, finding.text)
     return (finding.kind, repr([place.element for place in finding.places]))
 
@@ -649,7 +647,7 @@ def _rank(finding: Finding) -> tuple[int, bool]:
 
 
 def _places(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Iterator[tuple[str, Place]]:
-    for home, process in _closure(definitions, pools, library):
+    for home, process in all_processes(definitions, pools, library):
         for element in _elements(process):
             yield element.id, Place(element.id, home.file, element.line, element.name)
 
@@ -657,7 +655,7 @@ def _places(definitions: Definitions, pools: Sequence[Pool], library: Library) -
 def accepted(definitions: Definitions, pools: Sequence[Pool], library: Library) -> dict[str, dict[str, str]]:
     """Element or process -> the kinds of findings that it accepts, and why. Raises ModelError for an unknown kind."""
     found: dict[str, dict[str, str]] = {}
-    for home, process in _closure(definitions, pools, library):
+    for home, process in all_processes(definitions, pools, library):
         for element in _elements(process):
             for line in filter(str.strip, element.properties.get("accept", "").split(";")):
                 kind, _, reason = (part.strip() for part in line.partition(":"))
@@ -668,14 +666,6 @@ def accepted(definitions: Definitions, pools: Sequence[Pool], library: Library) 
                     raise ModelError.at(element, text, file=home.file)
                 found.setdefault(element.id, {})[kind] = reason or "in the model"
     return found
-
-
-def _closure(definitions: Definitions, pools: Sequence[Pool], library: Library) -> list[tuple[Definitions, Process]]:
-    found: dict[tuple[str, str], tuple[Definitions, Process]] = {}
-    for pool in pools:
-        for home, process in library.closure(definitions, pool.process):
-            found.setdefault((home.file, process.id), (home, process))
-    return list(found.values())
 
 
 def _elements(process: Process) -> Iterable[Element]:
