@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 from fame.bpmn import model
+from fame.check.explore.graph import reachable
 from fame.check.explore.script_effects import ChangedPlace, changes_in_place, mappings_in, new_value, parts_in
 from fame.check.explore.values import UndecidableError, is_unknown
 from fame.check.expressions import expressions_in, names_of
@@ -51,7 +52,8 @@ class Aliases:
         """Return the other variables in which a change of one shows."""
         name, itself = change
         owners = self._owners.get(name, set()) if itself else self._before.get(name, set())
-        return _reached({name} | _reached(owners, self._before), self._after) - {name}
+        before = reachable(owners, lambda one: self._before.get(one, ()))
+        return reachable({name} | before, lambda one: self._after.get(one, ())) - {name}
 
     def links(self, bodies: Iterable[model.Body]) -> Iterator[tuple[frozenset[str], frozenset[str]]]:
         """(reads, writes): what a script changes in one variable, it changes in those that may hold the same value."""
@@ -70,15 +72,6 @@ class Aliases:
         calls = (", ".join(f"lambda: {one}" for one in (name, *sorted(others))) for name, others in names.items())
         text = "; ".join(f"{SHARED}({call})" for call in calls)
         return replace(script, text=f"{text}\n{found[0]}", line=script.line - 1)
-
-
-def _reached(names: Iterable[str], steps: Mapping[str, set[str]]) -> set[str]:
-    found, pending = set[str](), [*names]
-    while pending:
-        if (name := pending.pop()) not in found:
-            found.add(name)
-            pending += steps.get(name, ())
-    return found
 
 
 # ---- how values flow -------------------------------------------------------------------------------------------------

@@ -6,6 +6,9 @@ from array import array
 from bisect import bisect_right
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, field
+from typing import TypeVar
+
+_T = TypeVar("_T")
 
 
 def shortest(starts: Iterable[int], goals: Container[int], after: Callable[[int], Iterable[int]]) -> list[int]:
@@ -24,6 +27,17 @@ def shortest(starts: Iterable[int], goals: Container[int], after: Callable[[int]
                 before[target] = at
                 pending.append(target)
     return []
+
+
+def reachable(starts: Iterable[_T], after: Callable[[_T], Iterable[_T]]) -> set[_T]:
+    """Return what can be reached from some starts, themselves included."""
+    found = set(starts)
+    pending = list(found)
+    while pending:
+        new = set(after(pending.pop())) - found
+        found |= new
+        pending += new
+    return found
 
 
 Errors = tuple[tuple[int, str], ...]
@@ -86,14 +100,7 @@ class Explored:
 
     def reached_from(self, at: int) -> list[int]:
         """Return the states that are reached from one, itself among them."""
-        seen, pending = {at}, [at]
-        while pending:
-            one = pending.pop()
-            for target in self._after(one):
-                if target not in seen:
-                    seen.add(target)
-                    pending.append(target)
-        return sorted(seen)
+        return sorted(reachable([at], self._after))
 
     def completable(self) -> bytearray:
         """For each state, whether a final one can be reached from it, without a further error that nothing catches.

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from fame.bpmn import model
+from fame.check.explore.graph import reachable
 from fame.check.explore.local import Local
 from fame.check.expressions import expressions_in
 
@@ -99,7 +100,7 @@ class Structure:
         what the others may do."""
         if element not in self._around or self._restless & {element, *self._around[element], ""}:
             return False
-        passage = self._region(element, frozenset())
+        passage = self._region(element)
         if not reached <= passage | self._joins:
             return False
         touched = self._touches(passage)
@@ -116,7 +117,7 @@ class Structure:
             found.add(self._touched[one])
         return found
 
-    def _region(self, element: str, stops: frozenset[str]) -> frozenset[str]:
+    def _region(self, element: str) -> frozenset[str]:
         """The elements that a token at an element may pass until it waits, itself and those where it waits included."""
         found, pending = {element}, list(self._after[element])
         while pending:
@@ -137,13 +138,7 @@ class Structure:
         """All elements that a token may ever pass, until joins that it cannot pass alone."""
         key = (element, stops)
         if key not in self._regions:
-            found, pending = {element}, [element]
-            while pending:
-                for one in self._next(pending.pop()):
-                    if one not in found and one not in stops:
-                        found.add(one)
-                        pending.append(one)
-            self._regions[key] = frozenset(found)
+            self._regions[key] = frozenset(reachable([element], lambda one: set(self._next(one)) - stops))
         return self._regions[key]
 
     def _next(self, element: str) -> Iterator[str]:

@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 from fame.bpmn import model
 from fame.check.explore.abstraction import Abstraction, taken
+from fame.check.explore.graph import reachable
 from fame.check.explore.remembering import key_of
 from fame.check.explore.script_effects import certainly_set, only_changed, read_first
 from fame.check.expressions import expressions_in, names_of
@@ -73,20 +74,11 @@ class Liveness:
     def _live(self, element: str) -> Dead:
         """The variables that are live while a token waits at an element, and those that an element behind it reads."""
         if element not in self._live_at:
-            behind = self._reachable(element)
+            behind = reachable([element], lambda one: self.after[one] | self.aside[one])
             used = {name for one in behind for name in self._reads[one] | self._changes[one]} & self._kept
             live = frozenset(name for name in used if self._is_read(element, name))
             self._live_at[element] = (live, frozenset(used))
         return self._live_at[element]
-
-    def _reachable(self, element: str) -> set[str]:
-        found, pending = {element}, [element]
-        while pending:
-            one = pending.pop()
-            for after in (self.after[one] | self.aside[one]) - found:
-                found.add(after)
-                pending.append(after)
-        return found
 
     def _is_read(self, element: str, name: str) -> bool:
         """Whether a token may come from an element to one that reads a variable before it is set."""

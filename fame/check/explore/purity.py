@@ -10,12 +10,13 @@ from __future__ import annotations
 import ast
 import math
 import re
+from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from fame.bpmn.model import Expression
-from fame.errors import FameError
+from fame.check.expressions import syntax_tree
 from fame.scripting.analysis import script_topics
 from fame.scripting.python import parse_python
 
@@ -167,13 +168,8 @@ def may_raise(script: Expression) -> bool:
 @lru_cache(maxsize=1024)
 def is_computable(script: Expression, fields: frozenset[str], mode: str = "exec") -> bool:
     """Return whether a script or expression in Python may be run. `fields`: names of the fields of messages."""
-    if script.language != "python":
-        return False
-    try:
-        tree = parse_python(script, "exec" if mode == "exec" else "eval")
-    except FameError:
-        return False
-    return all(_is_listed(node, fields) for node in ast.walk(tree))
+    tree = syntax_tree(script, script=mode == "exec")
+    return tree is not None and all(_is_listed(node, fields) for node in ast.walk(tree))
 
 
 def _is_listed(node: ast.AST, fields: frozenset[str]) -> bool:
@@ -200,11 +196,10 @@ def waits(script: Expression) -> bool:
     """Return whether a script waits: it has an ``await`` (in JavaScript, the word)."""
     if script.language != "python":
         return script.language == "javascript" and "await" in script.text
-    try:
-        tree = parse_python(script)
-    except FameError:
-        return False
-    return any(isinstance(node, ast.Await | ast.AsyncFor | ast.AsyncWith) for node in ast.walk(tree))
+    tree = syntax_tree(script)
+    return tree is not None and any(
+        isinstance(node, ast.Await | ast.AsyncFor | ast.AsyncWith) for node in ast.walk(tree)
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -219,13 +214,7 @@ def is_certain(script: Expression, topic: str) -> bool:
 
     It does if a statement outside of blocks, which nothing but an error can leave out, publishes in any case.
     """
-    if script.language != "python":
-        return False
-    try:
-        tree = parse_python(script)
-    except FameError:
-        return False
-    statements = [one for one in getattr(tree, "body", ()) if isinstance(one, ast.Expr)]
+    statements = [one for one in getattr(deepcopy(syntax_tree(script)), "body", ()) if isinstance(one, ast.Expr)]
     always = "\n".join(ast.unparse(_AlwaysEvaluated().visit(one)) for one in statements)
     found = script_topics(replace(script, text=always))
     return any(one.direction == "publish" and one.qualified == topic for one in found)

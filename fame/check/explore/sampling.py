@@ -18,7 +18,7 @@ from fame.bpmn.model import Element, Task
 from fame.check.explore.graph import Errors, Explored
 from fame.check.explore.host import seconds_of
 from fame.check.explore.product import Product
-from fame.check.explore.search import report
+from fame.check.explore.search import add_state, report
 from fame.check.explore.transitions import BITS, CUT, MASK, Transition
 
 STEPS = 10_000
@@ -135,7 +135,7 @@ class Sampler:
                 return
             pending = []
             for source, errors, state, due in failing:
-                at = self._number(source, state)
+                at = add_state(self.product, self.explored, source, state)
                 explored.failures.append((source, errors, (at,)))
                 pending.append((at, due))
         self.bound = True
@@ -160,20 +160,11 @@ class Sampler:
         if errors:
             self._failing.append((at, errors, state, due))
             return None
-        new = self._number(at, state)
+        new = add_state(self.product, self.explored, at, state)
         if at >= 0:
             self._edges.add((at, new))
         self.explored.transitions += 1
         return new
-
-    def _number(self, at: int, state: int) -> int:
-        """The number of a state that follows on the one with number `at`."""
-        index = self.product.index
-        if state not in index:
-            index[state] = len(self.explored.states)
-            self.explored.states.append(state)
-            self.explored.parents.append(at)
-        return index[state]
 
     def _of(self, found: list[Transition], state: int, robot: int, kind: str, element: str) -> list[Transition]:
         """The transitions in which something happens to one token at an element of a robot."""

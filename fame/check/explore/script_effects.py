@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Set
+from copy import deepcopy
 from functools import lru_cache
 
 from fame.bpmn.model import Expression
 from fame.check.explore.purity import CHANGING_METHODS, READING_METHODS
-from fame.check.expressions import names_of
+from fame.check.expressions import names_of, syntax_tree
 from fame.errors import FameError
 from fame.scripting import code_names
 from fame.scripting.analysis import identifiers_of
@@ -49,11 +50,8 @@ def changed_in_place(script: Expression) -> frozenset[str]:
 
     A name that the script sets to a part of something else may stand for a part of anything that it reads.
     """
-    if script.language != "python":
-        return frozenset()
-    try:
-        tree = parse_python(script)
-    except FameError:
+    tree = syntax_tree(script)
+    if tree is None:
         return frozenset()
     changed, reads = _changed(tree), names_of(script, True)[0]
     return reads if changed & parts_of(tree) else reads & changed
@@ -66,11 +64,8 @@ ChangedPlace = tuple[str, bool]
 @lru_cache(maxsize=1024)
 def changes_in_place(script: Expression) -> frozenset[ChangedPlace]:
     """Return what a script in Python may change in lists, mappings or objects, which other variables may hold too."""
-    if script.language != "python":
-        return frozenset()
-    try:
-        tree = parse_python(script)
-    except FameError:
+    tree = syntax_tree(script)
+    if tree is None:
         return frozenset()
     found = set[ChangedPlace]()
     for node in ast.walk(tree):
@@ -215,10 +210,9 @@ _HARMLESS_MODULES = frozenset(("json", "log", "math", "re", "robot", "statistics
 
 @lru_cache(maxsize=1024)
 def only_changed(script: Expression) -> frozenset[str]:
-    """Return the variables that a script reads only to change them: ``x[k] = ...``, ``x.append(...)``, ``x += ...``."""
-    try:
-        tree = parse_python(script)
-    except FameError:
+    """Return the variables that a script in Python only changes: ``x[k] = ...``, ``x.append(...)``, ``x += ...``."""
+    tree = syntax_tree(script)
+    if tree is None:
         return frozenset()
     changing, counted_up = set[int](), set[int]()
     for node in ast.walk(tree):
@@ -279,11 +273,8 @@ def list_uses(text: Expression, *, script: bool) -> tuple[frozenset[str], frozen
     Using only the length is ``len(x)``, ``x.append(...)`` as a statement, and ``x = [...]``.
     """
     reads, writes = names_of(text, script)
-    if text.language != "python":
-        return frozenset(), reads | writes
-    try:
-        tree = parse_python(text, "exec" if script else "eval")
-    except FameError:
+    tree = syntax_tree(text, script=script)
+    if tree is None:
         return frozenset(), reads | writes
     fine = {id(name) for node in ast.walk(tree) for name in _only_counted(node)}
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
@@ -315,11 +306,8 @@ def _appended_to(node: ast.AST) -> ast.Name | None:
 
 def without_items(script: Expression, counted: frozenset[str]) -> Expression:
     """Return the script with ``x.append(None)`` for lists of which only the length is read."""
-    if script.language != "python" or "append" not in script.text:
-        return script
-    try:
-        tree = parse_python(script)
-    except FameError:
+    tree = deepcopy(syntax_tree(script)) if "append" in script.text else None
+    if tree is None:
         return script
     changed = False
     for node in ast.walk(tree):

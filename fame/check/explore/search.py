@@ -39,7 +39,7 @@ def _explore(product: Product, explored: Explored) -> None:
             return
         following, failing = failing, []
         for source, errors, states in following:
-            numbers = tuple([_number(product, explored, source, state) for state in states])
+            numbers = tuple([add_state(product, explored, source, state) for state in states])
             explored.failures.append((source, errors, numbers))
 
 
@@ -92,13 +92,13 @@ def _follow(product: Product, explored: Explored, at: int, transition: Transitio
         failing.append((at, errors, tuple(after)))
         return
     for new in after:
-        number = _number(product, explored, at, new)
+        number = add_state(product, explored, at, new)
         if at >= 0:
             explored.targets.append(number)
 
 
-def _number(product: Product, explored: Explored, at: int, state: int) -> int:
-    """The number of a state that follows on the one with number `at`."""
+def add_state(product: Product, explored: Explored, at: int, state: int) -> int:
+    """Return the number of a state that follows on the one with number `at`; it is new if it has none."""
     if product.options.groups:
         state = product.symmetry.canonical(state)
     number = product.index.get(state)
