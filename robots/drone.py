@@ -31,7 +31,6 @@ from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectang
 if TYPE_CHECKING:
     import pymunk
 
-    from fame.middleware.interface import AnyMessage
     from sim2d.robot import RobotConfig, RobotWorld
 
 

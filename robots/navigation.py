@@ -105,9 +105,9 @@ class Navigator:
         self.range = max(distance, 0.0)
         if self.pose is None or self.ground is None or not self.range < 1.5:
             return
-        x, y = place = self.pose.ahead(self.limits.front + self.range + _OBSTACLE)
+        place = self.pose.ahead(self.limits.front + self.range + _OBSTACLE)
         grid, reach = self.ground, 2
-        row, column = _cell(grid, (x, y))
+        row, column = grid.cell(place)
         rows, columns = slice(max(0, row - reach), row + reach + 1), slice(max(0, column - reach), column + reach + 1)
         if not grid.occupied[rows, columns].any():
             self._obstacles[row // 2, column // 2] = place, self.scheduler.now + round(_MEMORY * SECOND)
@@ -228,7 +228,7 @@ class Navigator:
                 return BACKUP_TIMEOUT
             assert self.pose is not None
             behind = self.pose.ahead(-self.limits.radius - 0.1)
-            if stalled > 20 or (self.ground is not None and self.ground.occupied[_cell(self.ground, behind)]):
+            if stalled > 20 or (self.ground is not None and self.ground.occupied[self.ground.cell(behind)]):
                 return COLLISION
             yield Velocity(-min(speed, self.limits.speed))
             stalled = stalled + 1 if math.dist(start, self.here) <= gone[0] + 1e-3 else 0
@@ -288,9 +288,8 @@ class Navigator:
         if self._free is None or self._inflated is not self.ground:
             self._inflated = self.ground
             self._free = inflate(self.ground, self.limits.radius + max(self._margin, self.ground.resolution))
-        row, column = _cell(self.ground, goal)
-        rows, columns = self.ground.occupied.shape
-        if not (0 <= row < rows and 0 <= column < columns):
+        row, column = self.ground.cell(goal)
+        if not self.ground.has(row, column):
             return GOAL_OUTSIDE
         grid = self._with_obstacles(self._free, here)
         path = route(grid, here, goal, self._tolerance, self.ground)
@@ -314,7 +313,7 @@ class Navigator:
 def _occupy(occupied: Any, grid: Grid, place: Point, radius: float) -> None:
     if radius <= 0:
         return
-    row, column = _cell(grid, place)
+    row, column = grid.cell(place)
     reach = math.ceil(radius / grid.resolution)
     rows = slice(max(0, row - reach), row + reach + 1)
     columns = slice(max(0, column - reach), column + reach + 1)
@@ -322,11 +321,6 @@ def _occupy(occupied: Any, grid: Grid, place: Point, radius: float) -> None:
     down = np.arange(rows.start, rows.start + part.shape[0])[:, np.newaxis] - row
     across = np.arange(columns.start, columns.start + part.shape[1])[np.newaxis, :] - column
     part |= np.hypot(down, across) * grid.resolution <= radius
-
-
-def _cell(grid: Grid, place: Point) -> tuple[int, int]:
-    (x, y), (x0, y0) = place, grid.origin
-    return math.floor((y - y0) / grid.resolution), math.floor((x - x0) / grid.resolution)
 
 
 def _passed(path: Sequence[Point], here: Point) -> Sequence[Point]:

@@ -45,8 +45,8 @@ def route(grid: Grid, start: Point, goal: Point, tolerance: float, ground: Grid 
     first, last = nearest_free(grid, start, math.inf, ground), nearest_free(grid, goal, tolerance)
     if first is None or last is None:
         return None
-    begin = [start] if _cell(grid, start) == first else [start, _centre(grid, first)]
-    end = goal if _cell(grid, goal) == last else _centre(grid, last)
+    begin = [start] if grid.cell(start) == first else [start, _centre(grid, first)]
+    end = goal if grid.cell(goal) == last else _centre(grid, last)
     if _in_sight(grid, begin[-1], end):
         return [*begin, end]
     cells = _search(grid, first, last)
@@ -54,12 +54,6 @@ def route(grid: Grid, start: Point, goal: Point, tolerance: float, ground: Grid 
         return None
     between = [_centre(grid, cell) for cell in cells[1:-1]]
     return begin[:-1] + _straightened(grid, [begin[-1], *between, end])
-
-
-def _cell(grid: Grid, place: Point) -> tuple[int, int]:
-    """Row and column."""
-    (x, y), (x0, y0) = place, grid.origin
-    return math.floor((y - y0) / grid.resolution), math.floor((x - x0) / grid.resolution)
 
 
 def _centre(grid: Grid, cell: tuple[int, int]) -> Point:
@@ -71,9 +65,8 @@ def nearest_free(grid: Grid, place: Point, tolerance: float, ground: Grid | None
 
     With `ground`, cells with a line of sight to the place on that grid are preferred.
     """
-    row, column = _cell(grid, place)
-    rows, columns = grid.occupied.shape
-    if not (0 <= row < rows and 0 <= column < columns):
+    row, column = grid.cell(place)
+    if not grid.has(row, column):
         return None
     if not grid.occupied[row, column]:
         return row, column
@@ -223,9 +216,8 @@ def _why(grid: Grid, goal: Point) -> str:
     """Why there is no path to a goal, for people."""
     if not all(map(math.isfinite, goal)):
         return "not a place"
-    row, column = _cell(grid, goal)
-    rows, columns = grid.occupied.shape
-    if not (0 <= row < rows and 0 <= column < columns):
+    row, column = grid.cell(goal)
+    if not grid.has(row, column):
         return f"outside the map ({grid.extent})"
     return "too close to an obstacle" if grid.occupied[row, column] else "obstacles are all around"
 

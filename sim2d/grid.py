@@ -42,6 +42,16 @@ class Grid:
         (rows, columns), (x, y) = self.occupied.shape, self.origin
         return f"x {x:g} to {x + columns * self.resolution:g} m, y {y:g} to {y + rows * self.resolution:g} m"
 
+    def cell(self, place: Point) -> tuple[int, int]:
+        """Return row and column of the cell at a place, which may be outside."""
+        (x, y), (x0, y0) = place, self.origin
+        return math.floor((y - y0) / self.resolution), math.floor((x - x0) / self.resolution)
+
+    def has(self, row: int, column: int) -> bool:
+        """Return whether there is such a cell."""
+        rows, columns = self.occupied.shape
+        return row in range(rows) and column in range(columns)
+
     def fields(self) -> dict[str, Any]:
         """Return the fields of a nav_msgs/msg/OccupancyGrid in the frame `map`."""
         height, width = self.occupied.shape
@@ -178,10 +188,7 @@ def _radius(robot: RobotConfig) -> float:
 def _occupy(grid: Grid, robot: RobotConfig, radius: float) -> None:
     """Mark the cells as occupied whose centre is within `radius` (m) of a robot."""
     reach = math.ceil(radius / grid.resolution) + 1
-    column, row = (
-        math.floor((place - start) / grid.resolution) for place, start in zip(robot.at, grid.origin, strict=True)
-    )
-    rows, columns = (slice(max(0, middle - reach), middle + reach + 1) for middle in (row, column))
+    rows, columns = (slice(max(0, middle - reach), middle + reach + 1) for middle in grid.cell(robot.at))
     around: NDArray[np.bool_] = grid.occupied[rows, columns]
     y = grid.origin[1] + (np.arange(rows.start, rows.start + around.shape[0]) + 0.5) * grid.resolution
     x = grid.origin[0] + (np.arange(columns.start, columns.start + around.shape[1]) + 0.5) * grid.resolution

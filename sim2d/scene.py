@@ -15,7 +15,7 @@ from fame.config.values import Point
 from fame.fast_json import json_bytes
 from sim2d import style
 from sim2d.ground import ChargerConfig, Circle, Outline, Polygon, disc
-from sim2d.robot import Appearance, SimulatedRobot
+from sim2d.robot import Appearance, SimulatedRobot, period
 from sim2d.warehouse import StationConfig
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _LINE_LOOP = 1
 
 def sampling(world: World) -> int:
     """After how many steps a world is sampled."""
-    return max(1, math.floor(1 / (_RATE * world.step) + 0.5))
+    return period(_RATE, world.step)
 
 
 class SceneRecorder:
