@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 from unicodedata import combining, normalize
+
+from fame.errors import ConfigError
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 _STRING = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)  # possessive: linear in the text
@@ -75,6 +80,14 @@ _LISTED = 20
 """Known words of which a hint lists all."""
 
 
+def as_number(text: str) -> float:
+    """Return the number that a text is; NaN if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return a hint at the closest known word for `word`, else at all of them, or at the first 20 of more."""
     from difflib import get_close_matches
@@ -96,6 +109,16 @@ def unreadable(error: OSError) -> str:
     """Return why a file cannot be read."""
     missing = isinstance(error, FileNotFoundError) and error.filename
     return f"cannot be read: {error.strerror}{similar_file(error.filename) if missing else ''}"
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Make the folder of a file that the block writes. Raises ConfigError, with the name of the file, for OSError."""
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror or error}", file=str(path)) from None
 
 
 def similar_file(path: str | os.PathLike[str]) -> str:

@@ -22,12 +22,13 @@ from typing import TYPE_CHECKING, Any
 
 from fame.errors import ConfigError, UnavailableError
 from fame.imports import require
+from fame.text import writing
 from sim2d import style
 from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, Viewport, background, draw_weed, faint, fitting, font, view_of, write
 from sim2d.ground import disc, placed
 from sim2d.record import Track, WorldRecord
 from sim2d.robot import Appearance, Pose
-from sim2d.style import larger, symbol, writing
+from sim2d.style import larger, symbol
 
 if TYPE_CHECKING:
     from PIL.Image import Image

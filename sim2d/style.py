@@ -4,15 +4,11 @@ m)."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from os import PathLike
-from pathlib import Path
 from typing import Literal, NamedTuple
 
 from fame.config.values import Point
-from fame.errors import ConfigError
 from sim2d.ground import disc
 from sim2d.robot import Appearance
 
@@ -205,13 +201,3 @@ def _box(x: float, y: float, length: float, width: float) -> list[Point]:
 def _turned(corners: Sequence[Point], angle: float) -> list[Point]:
     cos, sin = math.cos(angle), math.sin(angle)
     return [(x * cos - y * sin, x * sin + y * cos) for x, y in corners]
-
-
-@contextmanager
-def writing(path: str | PathLike[str]) -> Iterator[None]:
-    """Make the parent folder of a file to be written; turn OSError into ConfigError with the file's name."""
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror or error}", file=str(path)) from None

@@ -11,6 +11,7 @@ from fame.cli.arguments import Commands, Parser, add_json, command, natural, pos
 from fame.cli.output import note, print_json
 from fame.cli.pipelines import listen
 from fame.errors import ConfigError, MissionError
+from fame.text import writing
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
@@ -66,12 +67,9 @@ def settle(arguments: Namespace, *required: str) -> None:
 
 def writable(path: Path) -> None:
     """Make the folder that a result will be written to, before hours are spent on it. Raises ConfigError."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
-    if path.is_dir():
-        raise ConfigError("expected a file, got a folder", file=str(path))
+    with writing(path):
+        if path.is_dir():
+            raise ConfigError("expected a file, got a folder", file=str(path))
 
 
 def drive(arguments: Namespace, make: Callable[[Middleware, Scheduler], Playing]) -> Playing:

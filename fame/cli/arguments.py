@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from fame.errors import FameError
-from fame.text import suggestion
+from fame.text import as_number, suggestion
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -115,11 +114,7 @@ def epoch(text: str) -> datetime:
 
 def positive(text: str) -> float:
     """Return a number above 0 and up to 1e15."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 < number <= 1e15:
+    if not 0 < (number := as_number(text)) <= 1e15:
         raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
     return number
 

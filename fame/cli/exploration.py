@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Parser, natural, positive
-from fame.cli.output import coloured, print_json, progress_line
+from fame.cli.output import coloured, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, FameError
+from fame.text import writing
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration, Finding
@@ -176,11 +177,8 @@ def _report(
         faults=arguments.faults,
         coverage=coverage,
     )
-    try:
-        arguments.report.parent.mkdir(parents=True, exist_ok=True)
+    with writing(arguments.report):
         arguments.report.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", file=str(arguments.report)) from None
 
 
 def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:
@@ -239,8 +237,6 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
 def _fault_table(result: Exploration) -> Iterator[str]:
     rows = [row for search in result.searches for row in search.faults]
     if rows:
-        from fame.cli.output import table
-
         yield ""
         yield table(("fault", "delivery", "outcome"), rows)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import positive
 from fame.errors import ConfigError
+from fame.text import as_number
 
 if TYPE_CHECKING:
     from fame.middleware.network import NetworkConfig
@@ -103,11 +104,7 @@ def _seconds(text: str) -> float:
 
 def _probability(text: str) -> float:
     """A probability below 1."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0 <= number <= 0.99:
+    if not 0 <= (number := as_number(text)) <= 0.99:
         raise ArgumentTypeError(f"expected a probability from 0 to 0.99, got {text!r}")
     return number
 

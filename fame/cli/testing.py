@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from fame.cli.arguments import Commands, add_library, command
 from fame.cli.output import note
 from fame.errors import ConfigError
-from fame.text import unreadable
+from fame.text import as_number, unreadable
 
 if TYPE_CHECKING:
     import pytest
@@ -52,11 +52,7 @@ def add(commands: Commands) -> None:
 
 
 def _percent(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0 <= number <= 100:
+    if not 0 <= (number := as_number(text)) <= 100:
         raise argparse.ArgumentTypeError(f"expected a number from 0 to 100, got {text!r}")
     return number
 

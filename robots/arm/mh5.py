@@ -21,6 +21,7 @@ import numpy as np
 from fame.config.values import parameter
 from fame.errors import ConfigError
 from fame.imports import require
+from fame.text import as_number
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import DEPTH, MH5, RETURN, TRIANGLE, cutting_run, movement, simulated
 from robots.sensors import header_maker, message_class
@@ -181,10 +182,7 @@ def programmed(program: str, rate: float) -> Floats:
     if program == "nominal":
         return run
     kind, _, millimetres = program.partition(" ")
-    try:
-        amount = float(millimetres)
-    except ValueError:
-        amount = math.nan
+    amount = as_number(millimetres)
     if kind not in MODIFICATIONS or not 0 < amount < 20:
         raise ConfigError(f"expected nominal, or a kind of modification and mm, got {program!r}")
     return alter(run, knots(kind, amount)).values

@@ -19,7 +19,6 @@ not BPMN 2.0, or in which two elements have the same id.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -52,7 +51,7 @@ from fame.bpmn.reader.xml import (
     text_of,
 )
 from fame.errors import ModelError, expect
-from fame.text import unreadable
+from fame.text import as_number, unreadable
 
 _ROOTS_WITHOUT_EFFECT = ("choreography", "globalChoreographyTask", "conversation")
 _ENCODING = re.compile(r"""\sencoding\s*=\s*(["'])[^"']*\1""")
@@ -392,12 +391,7 @@ def _label(context: Context, element: Node) -> Bounds | None:
 
 
 def _bounds(context: Context, element: Node) -> Bounds | None:
-    get = element.get
-    try:
-        x, y = float(get("x") or 0), float(get("y") or 0)
-        width, height = float(get("width") or 0), float(get("height") or 0)
-    except ValueError:
-        x = y = width = height = math.nan
+    x, y, width, height = (as_number(element.get(name) or "0") for name in ("x", "y", "width", "height"))
     if not -_FAR < x + y + width + height < _FAR:
         _note(context, element, f"bounds {', '.join(map(str, element.values()))}: expected four numbers")
         return None
@@ -405,10 +399,7 @@ def _bounds(context: Context, element: Node) -> Bounds | None:
 
 
 def _point(context: Context, element: Node) -> tuple[float, float] | None:
-    try:
-        x, y = float(element.get("x") or 0), float(element.get("y") or 0)
-    except ValueError:
-        x = y = math.nan
+    x, y = (as_number(element.get(name) or "0") for name in ("x", "y"))
     if not -_FAR < x + y < _FAR:
         _note(context, element, f"way point {', '.join(map(str, element.values()))}: expected two numbers")
         return None

@@ -13,6 +13,7 @@ from fame.bpmn.reader.context import Context, message_type, whole_number
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node
 from fame.bpmn.topics import TTL
+from fame.text import as_number
 
 QOS_CHOICES: Mapping[str, tuple[str, ...]] = {
     "history": ("keep_last", "keep_all"),
@@ -183,11 +184,7 @@ def _ttl(context: Context, element: Node, delivery: Property | None, ttl: Proper
 
 
 def _seconds(context: Context, element: Node, text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0 < seconds < math.inf:
+    if not 0 < (seconds := as_number(text)) < math.inf:
         context.fault(element, f"ttl={text!r}: expected a time in seconds, more than 0")
         return TTL
     return seconds
