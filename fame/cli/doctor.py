@@ -28,6 +28,7 @@ from fame.cli.arguments import (
 )
 from fame.cli.network import add_network, connected, interface_of, wait_until
 from fame.cli.output import note, print_json
+from fame.cli.robots import subscribe_reports
 from fame.errors import NOT_KNOWN, ConfigError, FameError, UnavailableError
 
 if TYPE_CHECKING:
@@ -271,9 +272,7 @@ class _Team:
     def __init__(self, arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> None:
         self._arguments, self._scheduler, self._middleware = arguments, scheduler, middleware
         self._trusted = trusted_keys(arguments)
-        self._reports: dict[str, Report] = {}
         self._answers: dict[str, ClockAnswer] = {}
-        self._rivals: set[str] = set()
 
     def findings(self) -> Iterator[Finding]:
         """Yield what there is to say of each robot, after a while."""
@@ -300,26 +299,16 @@ class _Team:
     def _ask(self, robots: list[str]) -> None:
         """Listen to the reports of robots, and ask them for their time."""
         from fame.clock import SECOND
-        from fame.deploy import STATUS_QOS, STRING
-        from fame.deploy.authentication import ReportReader
         from fame.log.clocks import ClockQuestions
         from fame.log.live_team import now_since
 
-        trusted, node, begun = self._trusted, self._middleware.node("_fame_doctor"), datetime.now(UTC)
-
-        def on_report(reader: ReportReader, message: Any) -> None:
-            if (report := reader.read(message.data)) is not None:
-                self._reports[reader.robot] = report
-            if reader.rival:
-                self._rivals.add(reader.robot)
+        node, begun = self._middleware.node("_fame_doctor"), datetime.now(UTC)
+        self._reports, self._rivals = subscribe_reports(node, robots, self._trusted)
 
         def on_answer(robot: str, answer: ClockAnswer) -> None:
             if robot not in self._answers or answer.trip < self._answers[robot].trip:
                 self._answers[robot] = answer
 
-        for robot in robots:
-            reader = ReportReader(robot, signed=bool(trusted), trusted=trusted)
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(on_report, reader), STATUS_QOS)
         now = partial(now_since, begun)
         with ClockQuestions(node, self._scheduler, lambda: robots, now, lambda: begun, on_answer):
             self._scheduler.run(self._scheduler.now + round(_ROUNDS * SECOND))

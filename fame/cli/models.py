@@ -7,7 +7,7 @@ import shutil
 import sys
 import textwrap
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,14 +44,19 @@ def run_split(arguments: Namespace) -> int:
         if other != part.name:
             text = f"pools {other!r} and {part.name!r} would be written to one file, {part.filename}: rename one"
             raise ConfigError(text, file=str(arguments.model))
+    return _write(arguments, {part.name: (part.filename, part.source) for part in parts})
+
+
+def _write(arguments: Namespace, files: Mapping[str, tuple[str, bytes]]) -> int:
+    """Write files (name -> file name, content) into the folder of a command, and name them."""
     arguments.output.mkdir(parents=True, exist_ok=True)
-    files = {part.name: arguments.output / part.filename for part in parts}
-    for part in parts:
-        files[part.name].write_bytes(part.source)
+    paths = {name: arguments.output / file for name, (file, _) in files.items()}
+    for name, path in paths.items():
+        path.write_bytes(files[name][1])
     if arguments.json:
-        print_json({"status": "completed", "files": {name: str(path) for name, path in files.items()}})
+        print_json({"status": "completed", "files": {name: str(path) for name, path in paths.items()}})
     else:
-        print(*files.values(), sep="\n")
+        print(*paths.values(), sep="\n")
     return 0
 
 
@@ -254,12 +259,4 @@ def run_templates(arguments: Namespace) -> int:
     if arguments.output.exists() and not arguments.output.is_dir():
         raise ConfigError("expected a folder, got a file", file=str(arguments.output))
     made = templates(behaviours(arguments.library))
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    files = {name: arguments.output / f"{name}.json" for name in made}
-    for name, path in files.items():
-        path.write_text(write(made[name]), encoding="utf-8")
-    if arguments.json:
-        print_json({"status": "completed", "files": {name: str(path) for name, path in files.items()}})
-    else:
-        print(*files.values(), sep="\n")
-    return 0
+    return _write(arguments, {name: (f"{name}.json", write(made[name]).encode()) for name in made})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -21,8 +21,8 @@ from fame.cli.arguments import (
 )
 from fame.cli.network import add_network, connected, note_ready, person, wait_until
 from fame.cli.output import print_json, table
-from fame.errors import ConfigError
-from fame.text import printable
+from fame.errors import ConfigError, DeploymentError
+from fame.text import printable, suggestion
 
 _PROLONG = 1.0
 """Interval in which `fame take-over` asks for its lease again (s); a lease is one of 3 s."""
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.deploy import Report
     from fame.deploy.requests import TaskClient
-    from fame.middleware.interface import Middleware
+    from fame.middleware.interface import Middleware, Node
 
 
 _LISTENING = 1.5  # heartbeats
@@ -64,29 +64,14 @@ def run_status(arguments: Namespace) -> int:
     from dataclasses import asdict
 
     from fame.clock import SECOND
-    from fame.deploy import STATUS_QOS, STRING, engines
-    from fame.deploy.authentication import ReportReader
+    from fame.deploy import engines
     from fame.deploy.status import HEARTBEAT
-    from fame.errors import DeploymentError
 
-    reports: dict[str, Report] = {}
-    rivals: set[str] = set()
     trusted = trusted_keys(arguments)
-
-    def on_message(reader: ReportReader, message: Any) -> None:
-        report = reader.read(message.data)
-        if report is not None:
-            reports[reader.robot] = report
-        if reader.rival:
-            rivals.add(reader.robot)
-
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
-        node = middleware.node("_fame_status")
         robots = engines(middleware)
-        for robot in robots:
-            reader = ReportReader(robot, signed=bool(arguments.trust), trusted=trusted)
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(on_message, reader), STATUS_QOS)
+        reports, rivals = subscribe_reports(middleware.node("_fame_status"), robots, trusted)
         scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
     silent = silences(reports, robots, _LISTENING * HEARTBEAT)
     if not reports and not silent:
@@ -104,6 +89,28 @@ def run_status(arguments: Namespace) -> int:
     return 0
 
 
+def subscribe_reports(
+    node: Node, robots: Iterable[str], trusted: Sequence[Any]
+) -> tuple[Mapping[str, Report], Set[str]]:
+    """Return the latest report of each robot, and the robots with two engines: both fill as reports come."""
+    from fame.deploy import STATUS_QOS, STRING
+    from fame.deploy.authentication import ReportReader
+
+    reports: dict[str, Report] = {}
+    rivals: set[str] = set()
+
+    def on_message(reader: ReportReader, message: Any) -> None:
+        if (report := reader.read(message.data)) is not None:
+            reports[reader.robot] = report
+        if reader.rival:
+            rivals.add(reader.robot)
+
+    for robot in robots:
+        reader = ReportReader(robot, signed=bool(trusted), trusted=trusted)
+        node.subscription(f"/{robot}/bpmn_status", STRING, partial(on_message, reader), STATUS_QOS)
+    return reports, rivals
+
+
 _PATIENCE = 6.0
 """Time limit for a robot to publish its state (s); it does so twice a second for new subscribers."""
 
@@ -111,11 +118,9 @@ _PATIENCE = 6.0
 def _explain_waits(arguments: Namespace) -> int:
     """Print why the tokens of a robot wait."""
     from fame.deploy import engines
-    from fame.errors import DeploymentError
     from fame.log.live_team import LiveTeam
     from fame.log.wait_chain import WaitChain
     from fame.log.wait_reasons import WaitReason, explain, files_of
-    from fame.text import suggestion
 
     robot, *elements = arguments.why
     if len(elements) > 1:
@@ -372,7 +377,6 @@ class RobotClient:
     def __init__(self, arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> None:
         from fame.clock import SECOND
         from fame.deploy import engines
-        from fame.errors import DeploymentError
 
         robot, begun = arguments.robot, scheduler.now
         self.scheduler, self._arguments = scheduler, arguments
@@ -390,7 +394,6 @@ class RobotClient:
         import time
 
         from fame.deploy.requests import TaskClient, TaskRequest
-        from fame.errors import DeploymentError
 
         given, name = self._arguments, f"task-{os.getpid()}-{time.time_ns()}"
         asked = TaskRequest(
@@ -436,7 +439,6 @@ def _abort(arguments: Namespace, scheduler: WallScheduler, middleware: Middlewar
     """Answer and reason. Raises DeploymentError if the robot does not answer."""
     from fame.clock import SECOND
     from fame.deploy.requests import AbortClient
-    from fame.errors import DeploymentError
 
     key = private_key(arguments)
     ended: list[tuple[str, str]] = []
