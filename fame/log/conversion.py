@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from fnmatch import fnmatchcase
 from itertools import chain, count
@@ -43,10 +43,8 @@ def models_of(recording: Recording) -> list[Definitions]:
 
     found = []
     for name, data in recording.models.items():
-        try:
+        with suppress(ModelError):
             found.append(read_bytes(data, file=name))
-        except ModelError:
-            continue
     return found
 
 

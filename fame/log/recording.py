@@ -172,8 +172,8 @@ class Recording(Closing):
     @property
     def models(self) -> dict[str, bytes]:
         """The models of the run, the mission first: file name -> XML."""
-        found = {name.removeprefix("models/"): data for name, data in self.attachments.items() if _is_model(name)}
-        return found
+        files = self.attachments.items()
+        return {name.removeprefix("models/"): data for name, data in files if name.startswith("models/")}
 
     @property
     def runs(self) -> dict[str, list[ModelRun]]:
@@ -354,10 +354,6 @@ def _register(type: str, definition: str) -> None:
         full = name if name.count("/") == 2 else name.replace("/", "/msg/")
         if full not in known:
             messages.register(text, full)
-
-
-def _is_model(name: str) -> bool:
-    return name.startswith("models/")
 
 
 def scene_values(scene: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
-from fame.errors import DeploymentError, display_name
+from fame.errors import DeploymentError, ModelError, display_name
 from fame.log.elements import UNKNOWN, element_info
 from fame.robot.robot_state import RobotState
 from fame.robot.waiting_tokens import silence_text
@@ -98,12 +99,9 @@ def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int)
 def files_of(model: Mapping[str, Any]) -> list[Definitions]:
     """Return the files that a robot runs, as its ``bpmn_model`` says; without those that cannot be read."""
     from fame.bpmn import read_text
-    from fame.errors import ModelError
 
     files = []
     for each in model.get("models", ()):
-        try:
+        with suppress(ModelError, KeyError):
             files.append(read_text(str(each["xml"]), file=str(each["name"])))
-        except (ModelError, KeyError):
-            continue
     return files

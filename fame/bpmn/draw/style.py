@@ -65,10 +65,6 @@ def _terminate(ink: Ink, filled: bool) -> str:
     return tag("circle", cx=18, cy=18, r=10, fill=ink[0], stroke=ink[0])
 
 
-def _multiple(ink: Ink, filled: bool) -> str:
-    return pentagon(ink, filled)
-
-
 def pentagon(ink: Ink, filled: bool, radius: float = 9.5) -> str:
     """Return a pentagon around the middle of an event."""
     angles = [2 * math.pi * corner / 5 for corner in range(5)]
@@ -90,7 +86,7 @@ _DRAWN: Mapping[str, Callable[[Ink, bool], str]] = {
     "timer": _timer,
     "conditional": _conditional,
     "terminate": _terminate,
-    "multiple": _multiple,
+    "multiple": pentagon,
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 from fame.bpmn.model import (
@@ -243,16 +243,10 @@ def _definition_properties(node: NodeReader, element: Node, common: TopicPropert
         text = f"{extensions.refused.split(';')[0]}: ignored, the message is published"
         node.context.note(element, text, "warning")
     own = take_topic_properties(node.context, element, extensions)
-    return TopicProperties(
-        type=own.type or common.type,
-        payload=own.payload or common.payload or _copied_payload(extensions),
-        to=own.to or common.to,
-        queue=own.queue or common.queue,
-        ttl=own.ttl or common.ttl,
-        private=own.private or common.private,
-        qos=own.qos or common.qos,
-        keys=own.keys or common.keys,
-    )
+    given = {one.name: value for one in fields(own) if (value := getattr(own, one.name))}
+    found = replace(common, **given)
+    found.payload = found.payload or _copied_payload(extensions)
+    return found
 
 
 def _copied_payload(extensions: Extensions) -> Expression | None:
