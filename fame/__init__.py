@@ -12,8 +12,6 @@
 Names are imported on first use. docs/python.md lists the packages whose names are public.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

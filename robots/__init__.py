@@ -17,8 +17,6 @@ The package exports what a robot type of one's own is derived from or built of, 
 file, and `message_class` for what it publishes.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

@@ -5,8 +5,6 @@
 them. The robots themselves are in the package `robots`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

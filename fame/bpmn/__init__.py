@@ -16,8 +16,6 @@ XML. They are imported on first use, so that the dataclasses alone do not load a
     draw         a model -> SVG
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

@@ -28,8 +28,6 @@ A finding is an ``error`` if the model cannot run, a ``warning`` if it probably 
 ``note`` otherwise. Called processes are checked too; for other files, only errors and warnings are reported.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

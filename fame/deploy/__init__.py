@@ -31,8 +31,6 @@ Each end is a pure state machine, ``(state, event) -> (state, actions)``, in a s
     assignment         which robot gets which part, which topics connect them, and where an error of a robot is
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

@@ -27,8 +27,6 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     judge          judges properties in it, in event_logs and in bags; live_judge: while it is made
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

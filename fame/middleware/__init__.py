@@ -28,8 +28,6 @@
 To add a backend, derive a middleware, a node, a publisher, a subscription, a service and a client from `wire_base`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

@@ -21,8 +21,6 @@ Every host (a run, a replay or an exploration) uses it like this::
 or gives everything to a `Judge`, which finds the monitors that an event concerns and says what broke them.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

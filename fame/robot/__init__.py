@@ -26,8 +26,6 @@ state_tables    the state of an engine as data; stored_values: values of its var
 state_transfer  transfer the state of an old process to a new one
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

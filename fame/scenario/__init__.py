@@ -21,8 +21,6 @@ world and one engine per robot, deploys to them, monitors them and ends them.
     safety_report  the page for people who sign
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

@@ -11,8 +11,6 @@ code_names        the functions, classes and modules that a script leaves for la
 ================  =======================================================================
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

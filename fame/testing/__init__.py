@@ -28,8 +28,6 @@ The fixture ``mission`` loads a model or a scenario::
     strategies     strategies of hypothesis: networks, faults, free places, messages
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

@@ -19,8 +19,6 @@ plain ES modules and CSS, without a build step.
     heat       the source of all recordings of a folder, as colours on the models
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

@@ -42,8 +42,6 @@
 `docs/exploration.md` says what is abstracted and what follows from that.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from fame.imports import attach

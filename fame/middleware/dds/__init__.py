@@ -15,8 +15,6 @@ the package raises UnavailableError where Cyclone is not installed.
     domain       domain and network interface; sockets bound to loopback
 """
 
-from __future__ import annotations
-
 from fame.errors import UnavailableError
 
 try:

@@ -9,8 +9,6 @@ brings. Needed are Jazzy or newer and this Python.
     endpoints    publishers, subscriptions, services and clients; types, messages and quality of service of rclpy
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 from fame.errors import UnavailableError

@@ -11,8 +11,6 @@ the package raises UnavailableError where Zenoh is not installed.
     session      which peers and routers to connect to: processes of a machine by themselves, others through a router
 """
 
-from __future__ import annotations
-
 from fame.errors import UnavailableError
 
 try:

@@ -1,7 +1,5 @@
 """All functions of FEEL by name: those of DMN 1.5 (section 10.3.4) and of Camunda 8. docs/feel.md lists them."""
 
-from __future__ import annotations
-
 from fame.scripting.feel.functions.collections import COLLECTIONS, CONTEXTS
 from fame.scripting.feel.functions.dates import MOMENTS
 from fame.scripting.feel.functions.numbers import NUMBERS, RANGES
