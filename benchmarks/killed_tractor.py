@@ -2,7 +2,7 @@
 
     python benchmarks/killed_tractor.py docs/images/killed_tractor.svg
 
-The field is that of `tests/test_surviving_missions.py`: a drone, two tractors, two weeds, in lockstep.
+The field is that of `tests/test_agriculture_processes.py`: a drone, two tractors, two weeds, in lockstep.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from test_surviving_missions import ROBOTS, Farm
+from test_agriculture_processes import ROBOTS, Farm
 
 COLOURS = {"running": "#4c78a8", "idle": "#d9d9d9", "dead": "#e45756"}
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import roaming
 from fame.bpmn.reader import read_text
 from fame.bpmn.split import split
 from fame.bpmn.topics import topic_table
@@ -14,6 +15,7 @@ from fame.middleware import messages
 from fame.scenario.exploration import explore
 from fame.simulation import Simulation
 from tests.deployment_field import BPMN, Field, kill as kill_sender, made, process
+from tests.networked_machines import forbidden
 from tests.test_resumption import Durable
 
 INT = "std_msgs/msg/Int32"
@@ -328,3 +330,13 @@ def test_a_message_that_cannot_be_read_ends_nothing(text):
     before = len(kept(field, "B"))
     field.pass_time(2)
     assert len(kept(field, "B")) > before + 10
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("middleware", ["dds", "zenoh"])
+def test_every_signal_arrives_once_and_in_order_over_a_link_that_is_down_half_of_the_time(middleware: str) -> None:
+    if why := forbidden():
+        pytest.skip(why)
+    result = roaming.run(middleware, 500)
+    assert result["once_and_in_order"], result
+    assert result["downs"] > 0

@@ -12,7 +12,7 @@ import pytest
 from bpmn_text import extensions, process, properties
 from test_dialects import ROOTS, SIGNAL, oldest
 from test_dialects_run import DIALECTS, FAR, MODELS, NEAR, run
-from test_strangers import FILES
+from test_other_tools import FILES
 
 import fame
 from fame.bpmn import read_bytes, read_text
@@ -27,7 +27,7 @@ from fame.robot import Event
 from fame.scenario import Scenario
 
 ALL = sorted({*DIALECTS, *(MODELS / "javascript").glob("*.bpmn")})
-OTHERS = sorted({*(MODELS / "formats").rglob("*.bpmn"), *(MODELS / "authors").rglob("*.bpmn")})
+OTHERS = sorted({*(MODELS / "formats").rglob("*.bpmn"), *(MODELS / "unusual").rglob("*.bpmn")})
 FOREIGN = ("ros:", "data:", "qos:", "callActivity:", "zeebe:", "<camunda:list>", "flowable:", "activiti:")
 
 

@@ -7,6 +7,7 @@ from grounds import Ground
 
 from fame.config.values import ConfigValue, Source
 from fame.errors import ConfigError
+from fame.middleware import codec
 from fame.scenario import Scenario
 from fame.scenario.distributed import TeamOptions, command_lines
 from robots.vehicles import Car
@@ -94,3 +95,17 @@ def test_a_file_is_relative_to_the_world_and_not_to_where_fame_was_started(tmp_p
     monkeypatch.chdir(tmp_path / "elsewhere")
     (robot,) = read_world(tmp_path / "world.yaml").robots
     assert robot.make.__name__ == "Own"
+
+
+@pytest.mark.parametrize("kind", BUILT_IN)
+def test_what_a_robot_publishes_can_be_written_for_the_wire(kind: str) -> None:
+    robot = {"type": kind, "at": [1, 2]}
+    ground = Ground({"size": [6, 4], "step": 0.002 if kind in ("mh5", "ur5e") else 0.05, "robots": {"REX": robot}})
+    types = {info.name: info.types[0] for info in ground.middleware.graph() if info.publishers}
+    heard = {topic: ground.hear(topic, type) for topic, type in types.items()}
+    ground.run(until=1)
+    assert any(heard.values())
+    for topic, messages in heard.items():
+        for message in messages[-1:]:
+            data = codec.serialize(message)
+            assert codec.serialize(codec.deserialize(data, types[topic])) == data

@@ -542,7 +542,7 @@ def check_model(data: bytes) -> None:
 
 
 def _models() -> list[bytes]:
-    found = _examples("models/*.bpmn", "models/library/*.bpmn", "tests/models/*/*.bpmn", "tests/strangers/*")
+    found = _examples("models/*.bpmn", "models/library/*.bpmn", "tests/models/*/*.bpmn", "tests/other_tools/*")
     return [each for each in found if len(each) < 40_000]
 
 

@@ -1,6 +1,6 @@
 """Models as people wrote them who knew the original FaMe or Camunda, and not us: odd but legal, they run as meant.
 
-Each is in tests/models/authors. All run a second time as `fame convert` writes them, to the same log.
+Each is in tests/models/unusual. All run a second time as `fame convert` writes them, to the same log.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from fame.clock import SECOND
 from fame.robot import Event
 from fame.scenario import Scenario
 
-AUTHORS = Path(__file__).parent / "models" / "authors"
+MODELS = Path(__file__).parent / "models" / "unusual"
 TEXT = "std_msgs/msg/String"
 
 
@@ -24,9 +24,9 @@ TEXT = "std_msgs/msg/String"
 def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """The models as they are, and as they are converted."""
     if request.param == "as it is":
-        return AUTHORS
-    for path in AUTHORS.rglob("*.bpmn"):
-        new = tmp_path / path.relative_to(AUTHORS)
+        return MODELS
+    for path in MODELS.rglob("*.bpmn"):
+        new = tmp_path / path.relative_to(MODELS)
         new.parent.mkdir(exist_ok=True)
         new.write_bytes(convert(fame.read(path)))
     return tmp_path
@@ -171,5 +171,5 @@ def test_the_traps_of_scripts(folder: Path) -> None:
 
 
 def test_none_of_them_has_an_error_to_tell() -> None:
-    found = [one for path in AUTHORS.rglob("*.bpmn") for one in check(fame.read(path))]
+    found = [one for path in MODELS.rglob("*.bpmn") for one in check(fame.read(path))]
     assert [str(one) for one in found if one.level == "error"] == []

@@ -1,6 +1,6 @@
 """Models in the style of other tools: each is read and runs as drawn, or is refused with a reason; never a traceback.
 
-The files of tests/strangers are our own, written as the tools that they are named after write theirs: prefixes,
+The files of tests/other_tools are our own, written as the tools that they are named after write theirs: prefixes,
 encodings, ids, vendors' extensions, diagrams, languages. A tool that has a second file there is shown with what keeps
 its models from running (Java, Groovy, MVEL ...).
 """
@@ -25,7 +25,7 @@ from fame.check import check
 from fame.cli import main
 from fame.errors import FameError, ModelError
 
-FOLDER = Path(__file__).parent / "strangers"
+FOLDER = Path(__file__).parent / "other_tools"
 FILES = sorted(path for path in FOLDER.iterdir() if path.suffix in (".bpmn", ".xml"))
 
 # ---- what runs -------------------------------------------------------------------------------------------------------
