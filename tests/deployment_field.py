@@ -8,7 +8,7 @@ from fame import deploy
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
 from fame.deploy import Deployment, EngineNode, Report
-from fame.deploy.options import DeploymentOptions
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 
@@ -96,11 +96,20 @@ def job(waits: int, works: float, end: str = "") -> str:
 class Field:
     """Robots with engines, a plain publisher, and all that the robots have said."""
 
-    def __init__(self, *robots: str) -> None:
-        self.scheduler = Scheduler()
+    def __init__(self, *robots: str, scheduler: Scheduler | None = None, **options) -> None:
+        self.scheduler = Scheduler() if scheduler is None else scheduler  # one with nothing to do is false
         self.middleware = LocalMiddleware(self.scheduler)
-        self.engines = {name: EngineNode(name, scheduler=self.scheduler, middleware=self.middleware) for name in robots}
+        self.engines: dict[str, EngineNode] = {}
+        for name in robots:
+            self.add(name, **options)
         self.listen(*robots)
+
+    def add(self, name: str, **options) -> EngineNode:
+        """Start an engine with these `EngineOptions`; it is what is meant by its name from now on."""
+        self.engines[name] = EngineNode(
+            name, scheduler=self.scheduler, middleware=self.middleware, options=EngineOptions(**options)
+        )
+        return self.engines[name]
 
     def listen(self, *robots: str) -> None:
         self.person = self.middleware.node("person")
@@ -118,7 +127,7 @@ class Field:
     def pass_time(self, seconds: float) -> None:
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
 
-    def deploy(
+    def prepare(
         self,
         text: str,
         id: str = "d1",
@@ -126,7 +135,8 @@ class Field:
         options: DeploymentOptions | None = None,
         **more,
     ) -> Deployment:
-        sent = Deployment(
+        """A deployment that has not begun."""
+        return Deployment(
             read_text(text, file="team.bpmn"),
             id=id,
             sequence=sequence,
@@ -135,6 +145,9 @@ class Field:
             ended=lambda deployment: None,
             options=replace(options or DeploymentOptions(), **more),
         )
+
+    def deploy(self, text: str, id: str = "d1", sequence: int = 1, **options) -> Deployment:
+        sent = self.prepare(text, id, sequence, **options)
         sent.begin()
         self.pass_time(12)
         return sent
@@ -154,13 +167,5 @@ def kill(deployment: Deployment) -> None:
 
 
 def made(field: Field, text: str, id: str, sequence: int, robots: Sequence[str] = ("A", "B"), **options) -> Deployment:
-    """A deployment that has not begun."""
-    return Deployment(
-        read_text(text, file="team.bpmn"),
-        id=id,
-        sequence=sequence,
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-        ended=lambda deployment: None,
-        options=DeploymentOptions(robots=list(robots), **options),
-    )
+    """A deployment to these robots that has not begun."""
+    return field.prepare(text, id, sequence, robots=list(robots), **options)

@@ -3,7 +3,7 @@
 from deployment_field import Field, definitions, patrol, process
 
 from fame.clock import SECOND
-from fame.deploy import EngineNode, Report
+from fame.deploy import Report
 from fame.deploy.diagnostics import WARN, diagnostic_status
 
 CATCH = '<signalEventDefinition signalRef="S"/>'
@@ -32,7 +32,7 @@ class Working(Field):
         """Kill the engine of B, and start another one without state."""
         self.engines["B"].close()
         self.pass_time(after)
-        self.engines["B"] = EngineNode("B", scheduler=self.scheduler, middleware=self.middleware)
+        self.add("B")
 
     def last(self, robot: str) -> Report:
         return [report for report in self.said if report.robot == robot][-1]

@@ -9,7 +9,6 @@ from fame.bpmn.reader import read_text
 from fame.bpmn.split import split
 from fame.bpmn.topics import topic_table
 from fame.check import check
-from fame.deploy import EngineNode
 from fame.deploy.envelope import Envelope
 from fame.middleware import messages
 from fame.scenario.exploration import explore
@@ -90,7 +89,7 @@ def kill(field: Field, robot: str) -> None:
 
 
 def start(field: Field, robot: str) -> None:
-    field.engines[robot] = EngineNode(robot, scheduler=field.scheduler, middleware=field.middleware)
+    field.add(robot)
 
 
 @pytest.mark.parametrize("kind", ["signal", "message"])

@@ -15,7 +15,7 @@ from fame.cli import main
 from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, LateJoiners, Report
 from fame.deploy.authentication import GONE, Diagram, ReportReader
 from fame.deploy.leader_election import SplitterStatus
-from fame.deploy.options import DeploymentOptions, EngineOptions
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.sender import Sender
 from fame.deploy.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
@@ -41,20 +41,18 @@ class Guarded(Field):
     """Robots that trust a key, some with an identity; the wall clock goes with the scheduler's."""
 
     def __init__(self, keys, *robots: str, identities=()) -> None:
-        super().__init__()
         self.keys, self.identities = keys, dict(identities)
-        self.engines = {name: self.engine(name) for name in robots}
-        self.listen(*robots)
+        super().__init__(*robots)
 
     def time(self) -> float:
         return NOW + self.scheduler.now / 1e9
 
-    def engine(self, name: str, **options) -> EngineNode:
-        options |= {"trusted": self.keys[1], "identity": self.identities.get(name), "wall_time": self.time}
-        return EngineNode(name, scheduler=self.scheduler, middleware=self.middleware, options=EngineOptions(**options))
+    def add(self, name: str, **options) -> EngineNode:
+        identity = self.identities.get(name)
+        return super().add(name, trusted=self.keys[1], identity=identity, wall_time=self.time, **options)
 
-    def deploy(self, text: str, id: str = "d1", sequence: int = 1, **options) -> Deployment:
-        return super().deploy(text, id, sequence, key=self.keys[0], wall_time=self.time, **options)
+    def prepare(self, text: str, id: str = "d1", sequence: int = 1, **options) -> Deployment:
+        return super().prepare(text, id, sequence, key=self.keys[0], wall_time=self.time, **options)
 
     def forge(self, report: Report, by: Identity | None = None) -> Node:
         """Say it in the name of a robot, signed by somebody else or nobody."""
@@ -135,7 +133,7 @@ def test_a_stranger_ends_no_engine_that_trusts_keys_and_keeps_none_from_starting
     field = Guarded(keys, "A", "B")
     field.engines["A"].close()
     stranger = field.forge(Report(robot="A", state="running", born=1), by)
-    field.engines["A"] = field.engine("A", on_report=notes.append)
+    field.add("A", on_report=notes.append)
     field.pass_time(3)
     assert field.engines["A"].state == "waiting"
     stranger.close()
@@ -149,9 +147,9 @@ def test_a_stranger_ends_no_engine_that_trusts_keys_and_keeps_none_from_starting
 def test_of_two_engines_that_prove_one_name_the_younger_leaves_unless_it_runs_something(keys, tmp_path):
     identity = proved(keys, tmp_path, "A")
     field = Guarded(keys, identities={"A": identity})
-    field.engines["A"] = field.engine("A")
+    field.add("A")
     field.pass_time(1)
-    field.engine("A")
+    field.add("A")
     with pytest.raises(fame.FameError, match="there is an engine 'A' already"):
         field.pass_time(1)
     field = Guarded(keys, "A", "B", identities={"A": identity})
@@ -183,15 +181,7 @@ def one_that_holds(keys, identities):
     """A is ready for d1 and hears of nothing: its sender is gone, and so is the engine of B, but not its key."""
     field = Guarded(keys, "A", "B", identities=identities)
     text = TEAM.replace('name="go"', 'name="~/go"')
-    made_by = Deployment(
-        read_text(text, file="team.bpmn"),
-        id="d1",
-        sequence=1,
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-        ended=lambda deployment: None,
-        options=DeploymentOptions(key=keys[0], wall_time=field.time),
-    )
+    made_by = field.prepare(text)
     made_by._send = lambda robot, envelope, send=made_by._send: send(robot, envelope) if robot == "A" else None
     made_by.begin()
     field.pass_time(0.5)
@@ -223,15 +213,7 @@ def test_a_robot_that_holds_believes_a_later_engine_with_the_same_key(keys, tmp_
 
 def test_robots_that_trust_keys_decide_together_when_their_sender_is_gone(keys):
     field = Guarded(keys, "A", "B")
-    sent = Deployment(
-        read_text(TEAM, file="team.bpmn"),
-        id="d1",
-        sequence=1,
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-        ended=lambda deployment: None,
-        options=DeploymentOptions(key=keys[0], wall_time=field.time),
-    )
+    sent = field.prepare(TEAM)
     words = []
     send = sent._send
     sent._send = lambda robot, envelope: words.append(robot) if envelope.phase == "start" else send(robot, envelope)

@@ -14,7 +14,6 @@ from fame.bpmn.reader import read_text
 from fame.cli.robots import rows
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy import EngineNode
-from fame.deploy.options import EngineOptions
 from fame.middleware import messages
 from fame.middleware.interface import EndpointWarning, QoS
 from fame.middleware.local import LocalMiddleware
@@ -112,7 +111,7 @@ def test_a_robot_waits_half_as_long_for_the_others_as_its_sender(patience: int, 
     sent = made(field, TEAM, "d1", 1, patience=patience)
     sent.begin()
     field.pass_time(8)
-    field.engines["B"] = EngineNode("B", scheduler=field.scheduler, middleware=field.middleware)
+    field.add("B")
     field.pass_time(3)
     assert (sent.done, sent.failed) == (True, failed)
     if failed:
@@ -121,12 +120,7 @@ def test_a_robot_waits_half_as_long_for_the_others_as_its_sender(patience: int, 
 
 def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_it_was_called_off():
     field, told = Field("B"), []
-    field.engines["A"] = EngineNode(
-        "A",
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-        options=EngineOptions(on_report=told.append, trusted=[object()]),
-    )
+    field.add("A", on_report=told.append, trusted=[object()])
     sent = field.deploy(TEAM, robots=["A", "B"])
     assert sent.failed
     assert {event.detail for event in told} == {
@@ -138,9 +132,7 @@ def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_
 
 def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
     field, told = Field("B"), []
-    field.engines["A"] = EngineNode(
-        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(on_report=told.append)
-    )
+    field.add("A", on_report=told.append)
     field.listen("A")
     field.send("A", patrol(2).replace("mark = 2", "mark = = 2"))
     field.pass_time(0.1)
@@ -152,9 +144,7 @@ def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
 
 def test_an_engine_tells_once_what_it_refused_though_it_answers_again():
     field, told = Field(), []
-    field.engines["A"] = EngineNode(
-        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(on_report=told.append)
-    )
+    field.add("A", on_report=told.append)
     field.listen("A")
     asked = '<serviceTask id="g" xmlns:c="http://camunda.org/schema/1.0/bpmn" c:type="external" c:topic="grip"/>'
     sent = field.deploy(definitions(process("A", f'<startEvent id="s"/>{asked}', ("s", "g"))), robots=["A"])
@@ -395,13 +385,7 @@ def test_a_script_may_bring_its_robot_to_rest_before_the_next_process_begins():
     leaving = patrol(1).replace("mark = 1", "try:\n    await sleep(9)\nfinally:\n    await sleep(0.5)\n    log('out')")
     lines: list[tuple[float, str]] = []
     field = Field()
-    engine = EngineNode(
-        "A",
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-        options=EngineOptions(on_report=lambda event: lines.append((event.time / SECOND, event.detail))),
-    )
-    field.engines["A"] = engine
+    engine = field.add("A", on_report=lambda event: lines.append((event.time / SECOND, event.detail)))
     field.listen("A")
     field.send("A", leaving)
     field.pass_time(1)

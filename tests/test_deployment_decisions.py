@@ -5,7 +5,7 @@ from deployment_field import TEAM, Field, made, patrol
 
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND
-from fame.deploy import Deployment, EngineNode, Report
+from fame.deploy import Deployment, Report
 
 
 def dead_after_loading(field: Field, id: str, sequence: int) -> Deployment:
@@ -148,7 +148,7 @@ def test_a_robot_that_comes_back_in_between_without_its_process_does_not_keep_th
     killed.status.close()
     killed.candidate.close()
     killed.node.close()
-    field.engines["B_2"] = EngineNode("B_2", scheduler=field.scheduler, middleware=field.middleware)
+    field.add("B_2")
     field.pass_time(3)
     assert [engine.deployed for engine in field.engines.values()] == ["d1", "d1", ""]
     assert (sent.failed, sent.robots["B_2"].state) == (True, "refused")

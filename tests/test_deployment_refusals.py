@@ -10,22 +10,16 @@ from deployment_field import TEAM, Field, definitions, made, patrol, process
 import fame
 from fame import deploy
 from fame.clock import SECOND
-from fame.deploy import EngineNode
 from fame.deploy.envelope import AHEAD
-from fame.deploy.options import EngineOptions
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED
 
 
 def test_of_two_engines_of_one_robot_the_younger_leaves():
     field = Field()
-    elder = EngineNode(
-        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(wall_time=lambda: 10.0)
-    )
+    elder = field.add("A", wall_time=lambda: 10.0)
     field.pass_time(1)
-    EngineNode(
-        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(wall_time=lambda: 11.0)
-    )
+    field.add("A", wall_time=lambda: 11.0)
     with pytest.raises(fame.FameError, match="there is an engine 'A' already"):
         field.pass_time(1)
     assert elder.state == "waiting"

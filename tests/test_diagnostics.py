@@ -11,20 +11,14 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
-from deployment_field import definitions, process
+from deployment_field import Field, definitions, process
 from domains import PROCESSES
 from free_ports import free_port
 from middleware_contract import needs
 
-from fame import deploy
-from fame.clock import SECOND, Scheduler
-from fame.deploy import EngineNode
 from fame.deploy.diagnostics import ERROR, OK, TYPE, WARN
 from fame.deploy.metrics import serve_metrics
-from fame.deploy.options import EngineOptions
 from fame.errors import ConfigError
-from fame.middleware import messages
-from fame.middleware.local import LocalMiddleware
 
 ROOT = Path(__file__).parent.parent
 WAITS = definitions(process("p", '<startEvent id="s"/><userTask id="ask" name="Ask Ann"/>', ("s", "ask")))
@@ -33,26 +27,19 @@ FAILS = definitions(
 )
 
 
-class Robot:
+class Robot(Field):
     """An engine that publishes diagnostics, and what somebody hears of them."""
 
-    def __init__(self, *, hold_errors: bool = False, on_status: tuple = ()) -> None:
-        self.scheduler = Scheduler()
-        self.middleware = LocalMiddleware(self.scheduler)
-        options = EngineOptions(
-            diagnostics=True, wall_time=lambda: 1000.5, hold_errors=hold_errors, on_status=on_status
-        )
-        self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware, options=options)
-        self.person = self.middleware.node("person")
+    def __init__(self, **options) -> None:
+        super().__init__("REX", diagnostics=True, wall_time=lambda: 1000.5, **options)
         self.heard: list = []
         self.person.subscription("/diagnostics", TYPE, self.heard.append)
 
     def run(self, model: str = "") -> tuple[int, str, dict[str, str]]:
         """Level, message and values of the last status after three seconds, of a model if there is one."""
         if model:
-            publisher = self.person.publisher("/REX/bpmn_process", deploy.STRING)
-            publisher.publish(messages.create(deploy.STRING, model))
-        self.scheduler.run(self.scheduler.now + 3 * SECOND)
+            self.send("REX", model)
+        self.pass_time(3)
         (status,) = self.heard[-1].status
         assert (status.name, status.hardware_id) == ("REX: mission", "REX")
         return status.level, status.message, {pair.key: pair.value for pair in status.values}
@@ -108,8 +95,7 @@ def test_an_older_instance_that_fails_while_a_younger_one_runs_is_told() -> None
 def test_a_mission_that_somebody_suspends_is_a_warning_with_the_name() -> None:
     robot = Robot()
     robot.run(WAITS)
-    assert robot.engine.running is not None
-    robot.engine.running.suspension.suspend("ann")
+    robot.engines["REX"].running.suspension.suspend("ann")
     assert robot.run()[:2] == (WARN, "suspended by ann")
 
 

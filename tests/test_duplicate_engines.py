@@ -11,7 +11,6 @@ from fame.cli import doctor, robots
 from fame.deploy import STRING, EngineNode, Report
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.diagnostics import WARN, diagnostic_status
-from fame.deploy.options import EngineOptions
 from fame.deploy.status import StatusPublisher
 from fame.errors import FameError
 from fame.middleware import messages
@@ -21,8 +20,7 @@ ELDER, YOUNGER = 10.0, 11.0
 
 
 def engine(field: Field, born: float, notes: list | None = None) -> EngineNode:
-    options = EngineOptions(wall_time=lambda: born, on_report=(notes if notes is not None else []).append)
-    return EngineNode("p", scheduler=field.scheduler, middleware=field.middleware, options=options)
+    return field.add("p", wall_time=lambda: born, on_report=(notes if notes is not None else []).append)
 
 
 def whole_again(notes: list | None = None) -> tuple[Field, EngineNode, EngineNode]:

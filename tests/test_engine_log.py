@@ -9,8 +9,6 @@ import pytest
 
 from fame.cli import main
 from fame.clock import EPOCH, SECOND
-from fame.deploy import EngineNode
-from fame.deploy.options import EngineOptions
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, WAITING
 from fame.log.conversion import merge
@@ -35,10 +33,7 @@ def engine_with_log(field: Field, name: str, folder: Path, epoch: datetime = EPO
     folder.mkdir(exist_ok=True)
     notes: list[str] = []
     log = EngineLog(folder, name, field.scheduler, notes.append, wall_time=lambda: 0.0, **options)
-    engine = EngineNode(
-        name, scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(log=log, epoch=epoch)
-    )
-    field.engines.append(engine)
+    field.engine(name, log=log, epoch=epoch)
     return log
 
 
@@ -161,10 +156,7 @@ def test_after_a_crash_a_replay_of_merged_logs_shows_what_the_robot_does_since(f
 
 def test_every_step_is_published_for_the_viewer_of_the_original(field: Field) -> None:
     feed = ElementFeed(field.middleware.node("fame_dt", "REX"))
-    engine = EngineNode(
-        "REX", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(observer=feed)
-    )
-    field.engines.append(engine)
+    field.engine("REX", observer=feed)
     told: list[str] = []
     field.middleware.node("viewer").subscription(
         "/fame_dt", "std_msgs/msg/String", lambda message: told.append(message.data)

@@ -5,10 +5,7 @@ from deployment_field import Field, definitions, process
 
 from fame.cli.robots import rows
 from fame.clock import Kind, Scheduler
-from fame.deploy import EngineNode
-from fame.deploy.options import EngineOptions
 from fame.deploy.status import WAITS
-from fame.middleware.local import LocalMiddleware
 
 TIMER = "<timerEventDefinition><{0}>{1}</{0}></timerEventDefinition>"
 LOOP = "<multiInstanceLoopCharacteristics><loopCardinality>{}</loopCardinality></multiInstanceLoopCharacteristics>"
@@ -21,11 +18,8 @@ class Wall(Scheduler):
 
 
 class RealTime(Field):
-    def __init__(self) -> None:
-        self.scheduler = Wall()
-        self.middleware = LocalMiddleware(self.scheduler)
-        self.engines = {"A": EngineNode("A", scheduler=self.scheduler, middleware=self.middleware)}
-        self.listen("A")
+    def __init__(self, **options) -> None:
+        super().__init__("A", scheduler=Wall(), **options)
 
 
 def parallel(number: int, task: str = '<userTask id="u">{}</userTask>') -> str:
@@ -75,17 +69,7 @@ def test_many_ends_within_a_moment_make_few_reports() -> None:
 
 def test_many_failures_within_a_moment_are_told_once_with_their_number() -> None:
     told: list[str] = []
-    scheduler = Wall()
-    middleware = LocalMiddleware(scheduler)
-    engine = EngineNode(
-        "A",
-        scheduler=scheduler,
-        middleware=middleware,
-        options=EngineOptions(on_report=lambda event: told.append(str(event.detail))),
-    )
-    field = RealTime.__new__(RealTime)
-    field.scheduler, field.middleware, field.engines = scheduler, middleware, {"A": engine}
-    field.listen("A")
+    field = RealTime(on_report=lambda event: told.append(str(event.detail)))
     task = '<scriptTask id="x"><script>1 / 0</script></scriptTask>'
     start = f'<startEvent id="s">{TIMER.format("timeCycle", "R500/PT0.0001S")}</startEvent>'
     field.send("A", definitions(process("p", start + task, ("s", "x"))))

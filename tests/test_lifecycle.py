@@ -14,8 +14,6 @@ from domains import PROCESSES
 from middleware_contract import needs
 from test_resumption import Durable, told
 
-from fame.deploy import EngineNode
-from fame.deploy.options import EngineOptions
 from fame.deploy.requests import TaskClient, TaskRequest
 
 ROOT = Path(__file__).parent.parent
@@ -25,10 +23,7 @@ class Managed(Field):
     """Robots whose engines have a lifecycle, and a manager."""
 
     def __init__(self, *robots: str) -> None:
-        super().__init__()
-        parts = {"scheduler": self.scheduler, "middleware": self.middleware, "options": EngineOptions(lifecycle=True)}
-        self.engines = {name: EngineNode(name, **parts) for name in robots}
-        self.listen(*robots)
+        super().__init__(*robots, lifecycle=True)
         self.manager = self.middleware.node("manager")
         self.events: list[str] = []
         for name in robots:

@@ -39,8 +39,8 @@ seen = [n]</script></scriptTask>
 class Field(Closing):
     """Engines, a watcher and what it is told, on local topics and one simulated clock."""
 
-    def __init__(self) -> None:
-        self.scheduler = Scheduler()
+    def __init__(self, scheduler: Scheduler | None = None) -> None:
+        self.scheduler = Scheduler() if scheduler is None else scheduler  # one with nothing to do is false
         self.middleware = LocalMiddleware(self.scheduler)
         self.engines: list[EngineNode] = []
         self.told: list[tuple[str, int, Any]] = []
@@ -70,6 +70,15 @@ class Field(Closing):
     def run(self, seconds: float) -> None:
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
 
+    def watch_mission(self, seconds: float = 2) -> LiveTeam:
+        """Start REX, watch it, and let it count for some seconds."""
+        self.engine("REX")
+        team = self.watch()
+        self.run(1)
+        self.deploy("REX")
+        self.run(seconds)
+        return team
+
 
 @pytest.fixture
 def field() -> Iterator[Field]:
@@ -78,11 +87,7 @@ def field() -> Iterator[Field]:
 
 
 def test_who_watches_from_the_beginning_is_told_every_event(field: Field) -> None:
-    field.engine("REX")
-    team = field.watch()
-    field.run(1)
-    field.deploy("REX")
-    field.run(5)
+    team = field.watch_mission(5)
     team.close()
     marks = [
         mark for topic, _, data in field.told if topic == EVENTS for each in data["events"] for mark in each["marks"]
@@ -151,11 +156,7 @@ def test_an_engine_that_nobody_watches_tells_nothing(field: Field) -> None:
 
 
 def test_lost_batches_are_counted_and_the_next_key_mends_the_state(field: Field) -> None:
-    field.engine("REX")
-    team = field.watch()
-    field.run(1)
-    field.deploy("REX")
-    field.run(2)
+    team = field.watch_mission()
     subscription = next(
         end
         for node in field.middleware.nodes
@@ -183,11 +184,7 @@ def test_lost_batches_are_counted_and_the_next_key_mends_the_state(field: Field)
 
 
 def test_who_was_cut_off_and_comes_back_misses_nothing_unseen(field: Field) -> None:
-    field.engine("REX")
-    team = field.watch()
-    field.run(1)
-    field.deploy("REX")
-    field.run(2)
+    team = field.watch_mission()
     node = next(node for node in field.middleware.nodes if node.name == "watcher")
     subscription = next(end for end in node.endpoints if getattr(end, "topic", "") == "/REX/bpmn_events")
     subscription.close()
@@ -202,11 +199,7 @@ def test_who_was_cut_off_and_comes_back_misses_nothing_unseen(field: Field) -> N
 
 
 def test_a_new_process_begins_anew(field: Field) -> None:
-    field.engine("REX")
-    team = field.watch()
-    field.run(1)
-    field.deploy("REX")
-    field.run(2)
+    team = field.watch_mission()
     field.deploy("REX", COUNTING.replace('id="Count"', 'id="Again"').replace('Ref="Count"', 'Ref="Again"'))
     field.run(2)
     team.close()
@@ -285,11 +278,7 @@ def reports_of(field: Field) -> list[str]:
 
 
 def test_a_mission_is_lost_with_its_engine_though_another_one_has_its_name(field: Field) -> None:
-    field.engine("REX")
-    team = field.watch()
-    field.run(1)
-    field.deploy("REX")
-    field.run(2)
+    team = field.watch_mission()
     assert team.state.robots["REX"].tokens
     field.engines.pop(0).close()
     field.engine("REX")
@@ -309,11 +298,7 @@ def test_a_mission_is_lost_with_its_engine_though_another_one_has_its_name(field
 
 
 def test_a_mission_that_another_engine_replaces_at_once_is_lost_too(field: Field) -> None:
-    field.engine("REX")
-    team = field.watch()
-    field.run(1)
-    field.deploy("REX")
-    field.run(2)
+    team = field.watch_mission()
     field.engines.pop(0).close()
     field.engine("REX")
     field.run(0.5)
@@ -346,11 +331,8 @@ def test_an_engine_that_continues_its_mission_has_lost_nothing(field: Field, tmp
 
 
 def test_a_second_engine_of_a_name_does_not_take_the_mission_of_the_first(field: Field) -> None:
-    engine = field.engine("REX")
-    team = field.watch()
-    field.run(1)
-    field.deploy("REX")
-    field.run(2)
+    team = field.watch_mission()
+    (engine,) = field.engines
     other = Report(robot="REX", state="waiting", born=engine.born + 1, time=9.0).to_json()
     statuses = field.middleware.node("other", "REX").publisher("bpmn_status", "std_msgs/msg/String", STATUS_QOS)
     for _ in range(8):

@@ -7,10 +7,9 @@ import pytest
 from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler, WallScheduler
-from fame.deploy import EngineNode, loading
+from fame.deploy import loading
 from fame.deploy.loading import Work
 from fame.errors import FameError, ModelError
-from fame.middleware.local import LocalMiddleware
 from fame.worker import Interrupted
 
 
@@ -75,11 +74,8 @@ def test_what_takes_too_long_is_given_up_and_its_thread_ends(monkeypatch):
 
 
 def test_of_two_models_that_come_while_one_is_read_the_newest_runs():
-    field = Field()
-    field.scheduler = WallScheduler()
-    field.middleware = LocalMiddleware(field.scheduler)
-    engine = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware)
-    field.listen("A")
+    field = Field("A", scheduler=WallScheduler())
+    engine = field.engines["A"]
     for mark in (1, 2, 3):
         field.send("A", patrol(mark))
     for _ in range(500):

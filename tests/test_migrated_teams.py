@@ -14,7 +14,6 @@ from fame.bpmn.reader import read_text
 from fame.cli import parser
 from fame.cli.migration import Migration
 from fame.config.loader import read_document
-from fame.deploy import EngineNode
 from fame.deploy.migration import read_plan, write_plan
 from fame.deploy.sender_protocol import HOLDING
 from fame.errors import ConfigError
@@ -279,7 +278,7 @@ class DurableTeam(Durable):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self.engines["B"] = EngineNode("B", scheduler=self.scheduler, middleware=self.middleware)
+        self.add("B")
         self.listen("A", "B")
 
 

@@ -14,8 +14,6 @@ from test_resumption import MISSION, Durable
 
 import fame
 from fame.cli import main
-from fame.deploy import EngineNode
-from fame.deploy.options import EngineOptions
 from fame.log import Recording
 from fame.log.engine_log import EngineLog
 from fame.randomness import robot_random
@@ -145,12 +143,10 @@ def test_engines_draw_new_seeds_which_their_recordings_contain_and_a_given_seed_
     for number, seed in enumerate([None, None, 7, 7]):
         folder = tmp_path / str(number)
         folder.mkdir()
-        field = Field("A")
-        field.engines.pop("A").close()
+        field = Field()
+        field.listen("A")
         log = EngineLog(folder, "A", field.scheduler, print)
-        engine = field.engines["A"] = EngineNode(
-            "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(seed=seed, log=log)
-        )
+        engine = field.add("A", seed=seed, log=log)
         field.deploy(DRAWING)
         field.pass_time(1)
         counts.append(field.variables("A")["count"])

@@ -6,12 +6,10 @@ import pytest
 from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler
-from fame.deploy import EngineNode, Report
-from fame.deploy.options import EngineOptions
+from fame.deploy import Report
 from fame.deploy.requests import read_request
 from fame.deploy.status import RateLimiter
 from fame.errors import DeploymentError
-from fame.middleware.local import LocalMiddleware
 
 
 def told(*texts: str | tuple[str, str], times: int = 1) -> list[str]:
@@ -42,14 +40,8 @@ def test_causes_are_told_apart_but_not_without_end():
 
 
 def test_an_engine_tells_of_garbage_once_a_second_and_answers_whoever_waits_for_an_answer():
-    field = Field()
-    field.scheduler = Scheduler()
-    field.middleware = LocalMiddleware(field.scheduler)
     notes = []
-    engine = EngineNode(
-        "A", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(on_report=notes.append)
-    )
-    field.listen("A")
+    field = Field("A", on_report=notes.append)
     field.send("A", patrol(1))
     field.pass_time(0.5)
     for number in range(500):
@@ -64,7 +56,7 @@ def test_an_engine_tells_of_garbage_once_a_second_and_answers_whoever_waits_for_
     assert {report.deployment for report in refused} >= {f"d{number}" for number in range(500)}
     assert len(notes) == 4
     assert "499 like this" in notes[-1].detail
-    engine.close()
+    field.engines["A"].close()
 
 
 @pytest.mark.parametrize("long", [{"id": "i" * 1001}, {"element": "e" * 1001}, {"values": {"x": "v" * 1_000_000}}])

@@ -16,7 +16,7 @@ from fame.bpmn.reader import read_text
 from fame.clock import EPOCH, SECOND
 from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
-from fame.deploy.options import DeploymentOptions, EngineOptions
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import AbortClient, TaskRequest
 from fame.deploy.sender import Sender
 from fame.errors import ConfigError
@@ -80,14 +80,7 @@ class Durable(Field):
     def start(self) -> None:
         """Start an engine on the directory."""
         self.state = StateDirectory(self.folder, self.disk)
-        self.engines[self.robot] = EngineNode(
-            self.robot,
-            scheduler=self.scheduler,
-            middleware=self.middleware,
-            options=EngineOptions(
-                state=self.state, on_report=lambda event: self.notes.append(event.detail), **self.options
-            ),
-        )
+        self.add(self.robot, state=self.state, on_report=lambda event: self.notes.append(event.detail), **self.options)
 
     def crash(self) -> None:
         """The engine ends without a word: nothing more is written, all its endpoints are gone."""
@@ -288,12 +281,7 @@ def test_the_state_of_another_robot_is_refused(field: Durable) -> None:
     field.deploy(MISSION)
     field.crash()
     with pytest.raises(ConfigError, match="is the state of robot 'A', not of 'B'"):
-        EngineNode(
-            "B",
-            scheduler=field.scheduler,
-            middleware=field.middleware,
-            options=EngineOptions(state=StateDirectory(field.folder)),
-        )
+        field.add("B", state=StateDirectory(field.folder))
 
 
 def test_a_deployment_that_was_changed_on_the_disk_is_refused(field: Durable) -> None:

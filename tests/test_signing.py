@@ -14,9 +14,8 @@ from deployment_field import TEAM, Field, definitions, made, patrol, process
 
 import fame
 from fame.cli import main
-from fame.deploy import STRING, EngineNode
+from fame.deploy import STRING
 from fame.deploy.authentication import ReportReader
-from fame.deploy.options import EngineOptions
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import FRESH, Identity, new_keys, read_private, read_trusted, sign, verify
 from fame.errors import ConfigError
@@ -35,17 +34,7 @@ class Guarded(Field):
     """Robots that trust a key."""
 
     def __init__(self, trusted, *robots: str) -> None:
-        super().__init__()
-        self.engines = {
-            name: EngineNode(
-                name,
-                scheduler=self.scheduler,
-                middleware=self.middleware,
-                options=EngineOptions(trusted=trusted, wall_time=lambda: NOW),
-            )
-            for name in robots
-        }
-        self.listen(*robots)
+        super().__init__(*robots, trusted=trusted, wall_time=lambda: NOW)
 
 
 def test_what_a_trusted_key_signed_is_run(keys):
@@ -126,12 +115,7 @@ def test_what_was_recorded_is_no_use_when_the_engine_begins_anew(keys):
     field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
     assert field.engines["A"].deployed == "d1"
     field.engines["A"].close()
-    field.engines["A"] = engine = EngineNode(
-        "A",
-        scheduler=field.scheduler,
-        middleware=field.middleware,
-        options=EngineOptions(trusted=keys[1], wall_time=lambda: NOW + 20),
-    )
+    engine = field.add("A", trusted=keys[1], wall_time=lambda: NOW + 20)
     field.said.clear()
     for message in heard:
         field.send("A", message.data)

@@ -9,9 +9,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from deployment_field import TEAM, Field, definitions, kill, made, patrol, process
 
 from fame.bpmn.reader import read_text
-from fame.deploy import Deployment, EngineNode
+from fame.deploy import Deployment
 from fame.deploy.envelope import signed
-from fame.deploy.options import DeploymentOptions, EngineOptions
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import AbortClient
 from fame.middleware import local
 
@@ -250,10 +250,8 @@ def test_a_person_aborts_what_a_robot_holds(monkeypatch):
 
 def test_an_abort_that_was_refused_is_no_abort_when_the_robot_starts():
     team, stranger = Ed25519PrivateKey.generate(), Ed25519PrivateKey.generate()
-    field = Field()
-    options = EngineOptions(trusted=[team.public_key()])
-    robot = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, options=options)
-    field.listen("A")
+    field = Field("A", trusted=[team.public_key()])
+    robot = field.engines["A"]
     sender = sent(field, ALONE, ["A"], "d1")
     tell = lambda envelope: field.send("A", signed(envelope, team, born=robot.born, now=time()).to_json())  # noqa: E731
     tell(sender.envelopes["A"])
@@ -317,10 +315,7 @@ def test_what_runs_is_not_touched_where_the_others_answer_at_once():
 
 def test_the_safe_state_is_taken_up_when_the_robot_begins_to_hold():
     field = Field()
-    safe = [("stopped", "std_msgs/msg/Empty", {})]
-    options = EngineOptions(safe_state=safe)
-    engine = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, options=options)
-    field.engines = {"A": engine}
+    field.add("A", safe_state=[("stopped", "std_msgs/msg/Empty", {})])
     field.listen("A", "B")  # of which B never comes
     stops = []
     field.person.subscription("/A/stopped", "std_msgs/msg/Empty", stops.append)

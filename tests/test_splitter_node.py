@@ -9,7 +9,7 @@ from deployment_field import TEAM, Field, kill, patrol
 from fame import deploy
 from fame.clock import SECOND
 from fame.deploy import EngineNode, SplitterNode
-from fame.deploy.options import DeploymentOptions, EngineOptions
+from fame.deploy.options import DeploymentOptions
 from fame.deploy.splitter_node import DIAGRAM, STATUS
 from fame.middleware import messages
 
@@ -38,10 +38,7 @@ class Farm(Field):
         self.diagrams.publish(messages.create(deploy.STRING, text))
 
     def come(self, robot: str, **options) -> EngineNode:
-        engine = EngineNode(
-            robot, scheduler=self.scheduler, middleware=self.middleware, options=EngineOptions(**options)
-        )
-        self.engines[robot] = engine
+        engine = self.add(robot, **options)
         self.person.subscription(f"/{robot}/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
         return engine
 

@@ -1,16 +1,13 @@
 """Over a topic a task of a running robot is completed, an element of an ad-hoc sub-process begun: once, or refused."""
 
-import json
-
 import pytest
+from deployment_field import Field
 
 from fame import deploy
 from fame.cli.robots import rows
-from fame.clock import SECOND, Scheduler
-from fame.deploy import EngineNode, Report
+from fame.deploy import Report
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.middleware import messages
-from fame.middleware.local import LocalMiddleware
 
 MODEL = (
     '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t"><process id="p">'
@@ -28,26 +25,19 @@ AD_HOC = (
 )
 
 
-class Floor:
+class Floor(Field):
     """A robot with an engine, and a person beside it."""
 
     def __init__(self, model: str = MODEL) -> None:
-        self.scheduler = Scheduler()
-        self.middleware = LocalMiddleware(self.scheduler)
-        self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware)
-        self.person = self.middleware.node("person")
-        self.reports: list[Report] = []
-        self.person.subscription("/REX/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
+        super().__init__("REX")
+        self.engine = self.engines["REX"]
         if model:
             self.say("bpmn_process", model)
-
-    def _hear(self, message) -> None:
-        self.reports.append(Report(**json.loads(message.data)))
 
     def say(self, topic: str, text: str) -> None:
         end = self.person.publisher(f"/REX/{topic}", deploy.STRING)
         end.publish(messages.create(deploy.STRING, text))
-        self.scheduler.run(self.scheduler.now + SECOND // 10)
+        self.pass_time(0.1)
 
     def complete(self, element: str, **values) -> list[Report]:
         return self.ask(TaskRequest(id=f"request {element}", element=element, values=values))
@@ -58,7 +48,7 @@ class Floor:
     def ask(self, done: TaskRequest) -> list[Report]:
         answers: list[Report] = []
         asking = TaskClient("REX", done, node=self.person, scheduler=self.scheduler, answered=answers.append)
-        self.scheduler.run(self.scheduler.now + 2 * SECOND)
+        self.pass_time(2)
         asking.close()
         return answers
 
@@ -134,7 +124,7 @@ def test_the_same_words_twice_are_one_completion_and_two_answers():
     floor.say("bpmn_task", said)
     floor.say("bpmn_task", said)
     assert floor.engine.running.instances[-1].visits["ask"] == before + 1
-    assert [report.answer for report in floor.reports if report.deployment == "one"] == ["completed", "completed"]
+    assert [report.answer for report in floor.said if report.deployment == "one"] == ["completed", "completed"]
 
 
 @pytest.mark.parametrize(
@@ -153,8 +143,8 @@ def test_the_same_words_twice_are_one_completion_and_two_answers():
 def test_what_is_no_task_is_refused_and_touches_nothing(text):
     floor = Floor()
     floor.say("bpmn_task", text)
-    assert floor.reports[-1].answer == "refused"
-    assert floor.reports[-1].reason.startswith("no task")
+    assert floor.said[-1].answer == "refused"
+    assert floor.said[-1].reason.startswith("no task")
     assert floor.waiting == ["ask"]
 
 
@@ -164,11 +154,11 @@ def test_a_robot_that_hears_late_is_told_again():
     answers: list[Report] = []
     done = TaskRequest(id="one", element="ask", values={})
     TaskClient("REX", done, node=floor.person, scheduler=floor.scheduler, answered=answers.append)
-    floor.scheduler.run(floor.scheduler.now + SECOND)
+    floor.pass_time(1)
     assert answers == []
-    EngineNode("REX", scheduler=floor.scheduler, middleware=floor.middleware)
+    floor.add("REX")
     floor.say("bpmn_process", MODEL)
-    floor.scheduler.run(floor.scheduler.now + SECOND)
+    floor.pass_time(1)
     assert len(answers) == 1
 
 
@@ -184,11 +174,11 @@ def test_an_element_of_an_ad_hoc_sub_process_is_activated_once_more():
 
 def test_a_report_says_what_could_be_activated_as_long_as_the_sub_process_is_open():
     floor = Floor(AD_HOC)
-    assert floor.reports[-1].offers == ["look", "photo"]
-    shown = [" ".join(cells).strip() for cells in rows("REX", floor.reports[-1])]
+    assert floor.said[-1].offers == ["look", "photo"]
+    shown = [" ".join(cells).strip() for cells in rows("REX", floor.said[-1])]
     assert shown[-1] == "fame activate REX: look, photo"
     floor.complete("look")
-    assert floor.reports[-1].offers == []
+    assert floor.said[-1].offers == []
 
 
 def test_what_cannot_be_activated_is_refused_with_what_could():

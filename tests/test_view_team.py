@@ -13,8 +13,6 @@ import pytest
 from view_page import beyond, opened, shot, until, violations
 
 from fame.clock import SECOND, Scheduler, WallScheduler
-from fame.deploy import EngineNode
-from fame.deploy.options import EngineOptions
 from fame.errors import FameError
 from fame.log import Recording
 from fame.log.conversion import merge
@@ -22,12 +20,11 @@ from fame.log.live_team import LiveTeam
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages
-from fame.middleware.local import LocalMiddleware
 from fame.view import Replay, TeamView
 from fame.view.state import ENTER
 from tests.bpmn_text import document, process
 from tests.deployment_field import Field as DeploymentField, definitions, process as process_of
-from tests.test_live_team import COUNTING
+from tests.test_live_team import COUNTING, Field as LiveField
 from tests.test_view_blocks import replayed
 
 if TYPE_CHECKING:
@@ -56,24 +53,15 @@ DIAGRAM = """<bpmndi:BPMNDiagram id="diagram"><bpmndi:BPMNPlane id="plane" bpmnE
 </bpmndi:BPMNPlane></bpmndi:BPMNDiagram>"""
 
 
-class Field:
+class Field(LiveField):
     """Engines and a page, on local topics."""
 
     def __init__(self, scheduler: Scheduler, **options: Any) -> None:
-        self.scheduler = scheduler
-        self.middleware = LocalMiddleware(scheduler)
+        super().__init__(scheduler)
         self.view = TeamView(self.middleware, scheduler, **options)
-        self.engines: list[EngineNode] = []
-
-    def engine(self, name: str) -> None:
-        self.engines.append(EngineNode(name, scheduler=self.scheduler, middleware=self.middleware))
 
     def deploy(self, name: str, text: str = SIGNING) -> None:
-        publisher = self.middleware.node("sender").publisher(f"/{name}/bpmn_process", "std_msgs/msg/String")
-        publisher.publish(messages.create("std_msgs/msg/String", text))
-
-    def run(self, seconds: float) -> None:
-        self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+        super().deploy(name, text)
 
     def waiting(self) -> set[tuple[str, str]]:
         packer = self.view._packer
@@ -85,9 +73,7 @@ class Field:
 
     def close(self) -> None:
         self.view.close()
-        for engine in self.engines:
-            engine.close()
-        self.middleware.close()
+        super().close()
 
 
 @pytest.fixture
@@ -407,10 +393,7 @@ def asked_of(field: Field, commands: list[dict[str, Any]]) -> list[Any]:
 
 def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> None:
     field = Field(WallScheduler(), control=True)
-    engine = EngineNode(
-        "REX", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(hold_errors=True)
-    )
-    field.engines.append(engine)
+    field.engine("REX", hold_errors=True)
     field.run(1)
     field.deploy("REX", REPAIRED)
     field.run(1.5)
@@ -470,11 +453,7 @@ def test_with_control_a_robot_is_taken_over_steered_and_given_back() -> None:
 
 def test_people_retry_set_and_move_with_the_buttons_of_the_page(chromium: Browser) -> None:
     field = Field(WallScheduler(), control=True)
-    field.engines.append(
-        EngineNode(
-            "REX", scheduler=field.scheduler, middleware=field.middleware, options=EngineOptions(hold_errors=True)
-        )
-    )
+    field.engine("REX", hold_errors=True)
     field.run(1)
     field.deploy("REX", REPAIRED)
     thread = threading.Thread(target=field.run, args=(600,))

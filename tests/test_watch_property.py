@@ -14,7 +14,6 @@ from test_engine_processes import ENVIRONMENT, fame, told
 from test_resumption import Durable
 
 from fame.clock import SECOND
-from fame.deploy import EngineNode
 from fame.log import Recording
 from fame.log.judge import judge_log
 from fame.middleware import messages
@@ -81,7 +80,7 @@ class Watching(Durable):
         super().__init__(folder)
         self.heard: list[tuple[str, float]] = []
         self.listen("A", "B")
-        self.engines["A"] = EngineNode("A", scheduler=self.scheduler, middleware=self.middleware)
+        self.add("A")
         self.clock = self.person.publisher(CLOCK, CLOCK_TYPE)
         self.tick()
         for name, type in {"go": EMPTY, "done": EMPTY, "safe": EMPTY, "violated/alive": STRING}.items():
