@@ -154,6 +154,16 @@ def link(name: str) -> str:
     return f'<linkEventDefinition name="{name}"/>'
 
 
+def correlation(path: str, *messages: str, name: str = "key") -> str:
+    """A correlation property, for the root of a file, which these messages have at a path of ``msg``."""
+    retrieve = "".join(
+        f'<correlationPropertyRetrievalExpression messageRef="message_{one}"><messagePath>{path}</messagePath>'
+        "</correlationPropertyRetrievalExpression>"
+        for one in messages
+    )
+    return f'<correlationProperty id="K" name="{name}">{retrieve}</correlationProperty>'
+
+
 TERMINATE = "<terminateEventDefinition/>"
 CANCEL = "<cancelEventDefinition/>"
 

@@ -15,6 +15,7 @@ from engine_models import (
     boundary,
     call,
     catch,
+    correlation,
     dump,
     element,
     gateway,
@@ -38,10 +39,7 @@ from fame.engine.encoding import decode, encode
 from fame.engine.migration import MigrationPlan, migrate
 
 TYPE = "geometry_msgs/msg/Vector3"
-ROOT = (
-    '<correlationProperty id="K" name="key"><correlationPropertyRetrievalExpression messageRef="message_M">'
-    "<messagePath>msg.y</messagePath></correlationPropertyRetrievalExpression></correlationProperty>"
-)
+ROOT = correlation("msg.y", "M")
 
 
 @dataclass(frozen=True)

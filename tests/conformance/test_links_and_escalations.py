@@ -6,6 +6,7 @@ from engine_models import (
     boundary,
     call,
     catch,
+    correlation,
     end,
     escalation,
     handler,
@@ -108,10 +109,7 @@ def test_own_catchers_do_not_hear_a_thrown_message(play: Play) -> None:
     assert play(content).run().log == "s (c t"
 
 
-CORRELATED = (
-    '<correlationProperty id="K" name="number"><correlationPropertyRetrievalExpression messageRef="message_M">'
-    "<messagePath>msg.data</messagePath></correlationPropertyRetrievalExpression></correlationProperty>"
-)
+CORRELATED = correlation("msg.data", "M", name="number")
 
 
 def test_a_message_goes_to_the_instance_whose_key_it_has(play: Play) -> None:

@@ -6,6 +6,7 @@ from engine_models import (
     Run,
     boundary,
     catch,
+    correlation,
     element,
     end,
     error,
@@ -167,12 +168,8 @@ def test_what_a_receive_task_takes_leaves_its_own_variables(play: Play) -> None:
 
 
 def test_a_receive_task_correlates_like_an_event(play: Play) -> None:
-    root = (
-        '<correlationProperty id="K" name="key"><correlationPropertyRetrievalExpression messageRef="message_M">'
-        "<messagePath>msg['key']</messagePath></correlationPropertyRetrievalExpression></correlationProperty>"
-    )
     content = start() + element("receiveTask", "r", messageRef="message_M") + path("s r")
-    run = play(model(process(content), root=root), {"key": 1}).run().message("M", {"key": 2})
+    run = play(model(process(content), root=correlation("msg['key']", "M")), {"key": 1}).run().message("M", {"key": 2})
     assert run.waiting == ["r"]
     assert run.message("M", {"key": 1}).status == "completed"
 

@@ -8,6 +8,7 @@ from engine_models import (
     boundary,
     catch,
     condition,
+    correlation,
     element,
     end,
     error,
@@ -84,14 +85,8 @@ def test_what_one_instance_waits_for_starts_no_other(play: Play) -> None:
 
 
 def test_its_messages_correlate(play: Play) -> None:
-    retrieve = "".join(
-        f'<correlationPropertyRetrievalExpression messageRef="message_{name}"><messagePath>msg["key"]</messagePath>'
-        "</correlationPropertyRetrievalExpression>"
-        for name in "AB"
-    )
-    root = f'<correlationProperty id="K" name="key">{retrieve}</correlationProperty>'
     content = ALL.replace(signal("A"), message("A")).replace(signal("B"), message("B"))
-    run = play(model(process(content), root=root)).run()
+    run = play(model(process(content), root=correlation('msg["key"]', "A", "B"))).run()
     run.message("A", {"key": 1}).message("B", {"key": 2}).message("B", {"key": 1})
     assert [sorted(instance.waiting) for instance in run.simulation.instances] == [["u", "u"], ["a", "u"]]
 

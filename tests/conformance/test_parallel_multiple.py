@@ -5,6 +5,7 @@ from engine_models import (
     boundary,
     catch,
     condition,
+    correlation,
     end,
     handler,
     message,
@@ -108,12 +109,7 @@ def test_a_timer_may_be_one_of_them(play: Play) -> None:
 
 
 def test_messages_of_one_key_belong_together(play: Play) -> None:
-    retrieve = "".join(
-        f'<correlationPropertyRetrievalExpression messageRef="message_{name}"><messagePath>msg["key"]</messagePath>'
-        "</correlationPropertyRetrievalExpression>"
-        for name in "AB"
-    )
-    root = f'<correlationProperty id="K" name="key">{retrieve}</correlationProperty>'
+    root = correlation('msg["key"]', "A", "B")
     begin = TOGETHER.replace(signal("A"), message("A")).replace(signal("B"), message("B"))
     run = (
         play(model(process(begin + user("u") + path("s u")), root=root))

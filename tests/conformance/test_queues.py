@@ -5,6 +5,7 @@ from conftest import Play
 from engine_models import (
     boundary,
     catch,
+    correlation,
     element,
     extensions,
     gateway,
@@ -21,10 +22,7 @@ from engine_models import (
     user,
 )
 
-CORRELATED = (
-    '<correlationProperty id="K" name="key"><correlationPropertyRetrievalExpression messageRef="message_M">'
-    "<messagePath>msg.data</messagePath></correlationPropertyRetrievalExpression></correlationProperty>"
-)
+CORRELATED = correlation("msg.data", "M")
 
 
 def kept(id: str, size: int, name: str = "A") -> str:
