@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from arm_data import BENIGN, needs_data, recording
+from arm_data import needs_data, path_model, runs
 from monitor_runs import told, write_bag
 
 from fame.cli import main, parser
@@ -34,10 +35,6 @@ def adm(*words: object) -> int:
 def bag_of(path: Path, values: np.ndarray, signals: Sequence[int] = ()) -> Path:
     """Joint states of the MH5 every 25 ms."""
     return write_bag(path, MH5.joints, 1 + 0.025 * np.arange(len(values)), values, signals=signals)
-
-
-def runs(*numbers: int) -> np.ndarray:
-    return recording(BENIGN).select(numbers).values
 
 
 @needs_data
@@ -81,19 +78,14 @@ def test_fewer_runs_than_asked_for_are_written_and_said(tmp_path: Path, capsys: 
 
 @needs_data
 def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
-    from fame.monitor.anomaly.model import Model
-    from fame.monitor.anomaly.paths import PathDetector
-
-    benign = recording(BENIGN).select(range(4))
     other = tuple(f"other_{name}" for name in MH5.joints)
-    detector = PathDetector(MH5).fit(benign)
-    Model("path", other, detector, 0.002, 518, benign.values).save(tmp_path / "m.skops")
+    replace(path_model(), joints=other).save(tmp_path / "m.skops")
     bag = bag_of(tmp_path / "bag", runs(20)[:30])
     with pytest.raises(MissionError, match="no run was evaluated"):
         adm("operate", "--bag", bag, "--model", tmp_path / "m.skops")
 
 
-def path_model(path: Path, threshold: float = 0.5) -> Path:
+def move_model(path: Path, threshold: float = 0.5) -> Path:
     """A model that knows one straight move of two joints, of 40 points."""
     from sklearn.svm import OneClassSVM
 
@@ -112,7 +104,7 @@ JOINTS = ("lift", "turn")
 def test_a_run_that_was_cut_off_is_not_known_to_be_benign(
     points: int, code: int, status: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    model = path_model(tmp_path / "m.skops")
+    model = move_model(tmp_path / "m.skops")
     values = np.linspace((0.0, 0.0), (1.0, 0.5), 40)[:points]
     bag = write_bag(tmp_path / "bag", JOINTS, 1 + 0.025 * np.arange(points), values)
     words = ("operate", "--bag", bag, "--model", model, "--rule", "count", "--points", 40, "--json")
@@ -124,7 +116,7 @@ def test_a_run_that_was_cut_off_is_not_known_to_be_benign(
 def test_a_model_judges_columns_by_name_and_refuses_those_of_another_arm(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    model, values = path_model(tmp_path / "m.skops"), np.linspace((0.0, 0.0), (1.0, 0.5), 40)
+    model, values = move_model(tmp_path / "m.skops"), np.linspace((0.0, 0.0), (1.0, 0.5), 40)
     write_csv(tmp_path / "same.csv", of_runs([values], 1, JOINTS))
     write_csv(tmp_path / "turned.csv", of_runs([values[:, ::-1]], 1, JOINTS[::-1]))
     write_csv(tmp_path / "other.csv", of_runs([values], 1, ("wheel", "gripper")))

@@ -2,7 +2,9 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
@@ -55,6 +57,17 @@ def circle(radius: float, random: np.random.Generator, points: int = 60) -> np.n
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
+    return write_task(tmp_path)
+
+
+@cache
+def learned():
+    """What is learned from the files of the task as they are."""
+    with TemporaryDirectory() as folder:
+        return learn(load(write_task(Path(folder)) / "learning.yaml"))
+
+
+def write_task(tmp_path: Path) -> Path:
     """A task that is a circle, and anomalies that are larger ones."""
     random = np.random.default_rng(1)
     names = ("a", "b", "c")
@@ -75,8 +88,8 @@ def test_a_positive_is_an_anomaly():
     assert (matrix.accuracy, matrix.recall, matrix.precision, matrix.f1) == (0.6, 0.5, 0.5, 0.5)
 
 
-def test_every_classifier_is_judged_on_train_validation_and_test(folder: Path):
-    one, two = learn(load(folder / "learning.yaml"))
+def test_every_classifier_is_judged_on_train_validation_and_test():
+    one, two = learned()
     assert [evaluation.data.split(":")[0] for evaluation in two.evaluations] == ["train", "validation", "test"]
     assert tuple(two.on(VALIDATION).runs) == (6, 0, 6, 0)
     assert tuple(two.evaluations[2].runs) == (1, 0, 2, 0)
@@ -85,7 +98,7 @@ def test_every_classifier_is_judged_on_train_validation_and_test(folder: Path):
 
 
 def test_a_run_in_which_a_joint_hardly_moves_is_not_benign(folder: Path):
-    one, _ = learn(load(folder / "learning.yaml"))
+    one, _ = learned()
     usual = circle(1.0, np.random.default_rng(7))
     dead = np.tile(usual[0], (60, 1))
     write_csv(folder / "new.csv", of_runs([usual, dead], 1, ("a", "b", "c")))
@@ -102,17 +115,16 @@ def test_a_run_in_which_a_joint_hardly_moves_is_not_benign(folder: Path):
     assert judge_recordings(earlier, [folder / "new.csv"], "m").runs[1].verdict == "benign"
 
 
-def test_automatic_threshold_lies_between_benign_and_anomalous_runs(folder: Path):
-    _, two = learn(load(folder / "learning.yaml"))
+def test_automatic_threshold_lies_between_benign_and_anomalous_runs():
+    _, two = learned()
     evaluations = two.on(VALIDATION)
     benign = [score for score, label in zip(evaluations.scores, evaluations.labels, strict=True) if label == 1]
     anomalous = [score for score, label in zip(evaluations.scores, evaluations.labels, strict=True) if label == -1]
     assert max(benign) <= two.model.threshold < min(anomalous)
 
 
-def test_figures_from_training_data_say_so(folder: Path):
-    learned = learn(load(folder / "learning.yaml"))
-    text = table(HEADS, rows(learned, best(learned)))
+def test_figures_from_training_data_say_so():
+    text = table(HEADS, rows(learned(), best(learned())))
     assert "train (learned from)" in text
     assert all("learned from" in line for line in text.splitlines() if " train" in line)
 
@@ -209,27 +221,21 @@ def test_what_was_kept_for_other_data_is_not_taken_again(folder: Path, tmp_path:
 
 
 def test_a_stored_model_judges_as_before_and_one_by_one_as_all_at_once(folder: Path):
-    for item in learn(load(folder / "learning.yaml")):
+    points = read_csv(folder / "test.csv")
+    for item in learned():
         item.model.save(folder / "m.skops")
         model = Model.load(folder / "m.skops")
-        points = persist_points(folder)
         together = model.predict(points)
         scorer = model.scorer()
         assert [-1 if scorer.step(row).anomalous else 1 for row in points.values.tolist()] == together.tolist()
         assert together.tolist() == item.model.predict(points).tolist()
 
 
-def persist_points(folder: Path):
-    from fame.monitor.anomaly.recording import read_csv
-
-    return read_csv(folder / "test.csv")
-
-
 def stored(folder: Path, **changes: object) -> Path:
     """A model file, with some of its content replaced."""
     import skops.io
 
-    learn(load(folder / "learning.yaml"))[1].model.save(folder / "m.skops")
+    learned()[1].model.save(folder / "m.skops")
     content = skops.io.load(folder / "m.skops", trusted=[])
     skops.io.dump({**content, **changes}, folder / "m.skops")
     return folder / "m.skops"
@@ -334,7 +340,7 @@ def test_fewer_points_than_columns_are_refused_with_their_file(folder: Path):
 
 
 def test_the_hash_tells_data_apart(folder: Path):
-    points = persist_points(folder)
+    points = read_csv(folder / "test.csv")
     assert data_hash(points) != data_hash(points.select([0]))
 
 
@@ -426,8 +432,8 @@ def test_a_classifier_that_could_not_be_read_back_is_not_stored(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_threshold_is_told_in_points_and_the_card_says_what_was_learned(folder: Path):
-    model = replace(best(learn(load(folder / "learning.yaml"))).model, threshold=0.002, nominal=496)
+def test_the_threshold_is_told_in_points_and_the_card_says_what_was_learned():
+    model = replace(best(learned()).model, threshold=0.002, nominal=496)
     assert model.alarm_text() == "alarm from 1 anomalous point of a run of 496 on"
     assert model.alarm_text(0.0021) == "alarm from 2 anomalous points of a run of 496 on"
     card = card_of(model)

@@ -1,33 +1,22 @@
 """Collect and operate as nodes: joint states on topics, runs cut apart, the signal raised."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
 pytest.importorskip("scipy")
 
-from arm_data import BENIGN, needs_data, recording
+from arm_data import needs_data, path_model, runs
 
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly.live import Collector, RunMonitor
-from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.nodes import TYPE, ArmOptions, OperateNode, RunNode
-from fame.monitor.anomaly.paths import PathDetector
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import MH5
 
 PERIOD = SECOND // 40
-
-
-@cache
-def model() -> Model:
-    benign = recording(BENIGN)
-    detector = PathDetector(MH5).fit(benign.select(range(0, 30, 2)))
-    return Model("path", MH5.joints, detector, 0.002, 518, benign.select([0, 1]).values)
 
 
 class Arm:
@@ -55,11 +44,7 @@ class Arm:
 
     def operate(self, **options) -> OperateNode:
         arm = ArmOptions(report=self.texts.append)
-        return OperateNode(self.middleware, self.scheduler, RunMonitor(model(), **options), arm)
-
-
-def runs(*numbers: int) -> np.ndarray:
-    return recording(BENIGN).select(numbers).values
+        return OperateNode(self.middleware, self.scheduler, RunMonitor(path_model(), **options), arm)
 
 
 @needs_data

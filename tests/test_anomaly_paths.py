@@ -1,14 +1,13 @@
 """The detector in task space: what it sees, and what it lets pass. Every run evaluated was held out of learning."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 pytest.importorskip("scipy")
 
-from arm_data import BENIGN, needs_data, recording
+from arm_data import BENIGN, learned, needs_data, recording
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.benign_changes import PathParameters
@@ -23,11 +22,6 @@ pytestmark = needs_data
 
 REPEATABILITY = 57e-6
 """The largest deviation (m) of a benign edge: what is moved by less does not deviate."""
-
-
-@cache
-def learned() -> PathDetector:
-    return PathDetector(MH5).fit(recording(BENIGN).select(range(0, 30, 2)))
 
 
 def run_of(values: np.ndarray) -> Recording:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arm_data import BENIGN, needs_data, recording
+from arm_data import BENIGN, needs_data, path_model, recording, runs
 from bpmn_text import process
 
 import fame
@@ -15,7 +15,6 @@ from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.nodes import TYPE
-from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import read_csv, write_csv
 from fame.monitor.services import SERVICES
 from fame.robot.services import CommandService, ServiceContext
@@ -61,16 +60,10 @@ class Watch:
         return self.sim.instances[0].status
 
 
-def runs(*numbers: int) -> np.ndarray:
-    return recording(BENIGN).select(numbers).values
-
-
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
-    benign = recording(BENIGN)
     path = tmp_path_factory.mktemp("model") / "best.skops"
-    detector = PathDetector(MH5).fit(benign.select(range(0, 30, 2)))
-    Model("path", MH5.joints, detector, 0.002, 518, benign.select([0, 1]).values).save(path)
+    path_model().save(path)
     return str(path)
 
 
