@@ -262,7 +262,6 @@ def compare(seed: int, folder: Path) -> tuple[bool, list[str]]:
     full = explore(fame.read(text.encode()), delivery="run", limit=LIMIT, samples=False, reduced=False)
     if full.exhaustive and verdicts(full) != verdicts(result):
         found.append(f"the reduced search finds {verdicts(result)}, the full one {verdicts(full)}")
-    found += judged_differently(seed, 2)[1]
     return result.exhaustive, [f"seed {seed}: {one}" for one in found]
 
 
@@ -287,7 +286,10 @@ def main() -> int:
         )
         return int(bad > 0)
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.jobs) as pool:
-        for exhaustive, found in pool.map(compare, seeds, repeat(Path(folder))):
+        compared = pool.map(compare, seeds, repeat(Path(folder)))
+        judged = pool.map(judged_differently, seeds, repeat(2))
+        for (exhaustive, found), (_, differing) in zip(compared, judged, strict=True):
+            found += differing
             whole, bad = whole + exhaustive, bad + bool(found)
             print(*found, sep="\n", end="\n" if found else "", flush=True)
     print(f"{arguments.models} models, {whole} explored whole, {bad} differ")

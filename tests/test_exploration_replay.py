@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from collaborations import Steps, generated, philosophers, team
+from compare_explorations import compare
 
 from fame.bpmn.model import Definitions
 from fame.check.explore import Exploration, Finding
@@ -100,3 +101,10 @@ def test_single_faults_of_shipped_missions(name: str, tmp_path: Path) -> None:
         assert mission.skipped == []
         assert set(finding.robots) <= running(mission), finding.text
         mission.close()
+
+
+@pytest.mark.parametrize("part", range(10))
+def test_explorations_of_collaborations_made_at_random_say_what_their_runs_show(part: int, tmp_path: Path) -> None:
+    compared = [compare(seed, tmp_path) for seed in range(part, 50, 10)]
+    assert [text for _, found in compared for text in found] == []
+    assert sum(whole for whole, _ in compared) >= len(compared) // 2
