@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 import yaml
+from recorded_runs import record
 
-from fame.log import Recording, logging_to
+from fame.log import Recording
 from fame.scenario import Fault, Result, Scenario
 
 MODEL = """<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" id="d" targetNamespace="t">
@@ -76,10 +77,7 @@ def test_a_recording_has_the_goal_and_the_reason_too(tmp_path: Path) -> None:
     (tmp_path / "m.bpmn").write_text(MODEL.format(behaviour="GoTo", inputs="x_goal, y_goal = 40, 2"))
     said = {"model": "m.bpmn", "world": {"size": [6, 4], "robots": {"REX": {"at": [1, 2], "type": "car"}}}}
     (tmp_path / "s.yaml").write_text(yaml.safe_dump(said))
-    scenario = Scenario.load(tmp_path / "s.yaml", duration=20)
-    with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
-        scenario.run(observer=log)
-    with Recording(tmp_path / "run.mcap") as recording:
+    with Recording(record(Scenario.load(tmp_path / "s.yaml", duration=20), tmp_path / "run.mcap")) as recording:
         reports = [event.detail for event in recording.events() if event.what == "report"]
     assert len(reports) == 1
     assert "no way to x=40 y=2: outside the map" in reports[0]

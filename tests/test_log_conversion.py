@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from recorded_runs import record
 
 from fame.bpmn import read
 from fame.cli import main
@@ -227,10 +228,8 @@ def told(parts: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def test_what_a_variable_names_is_an_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two instances bear two orders at the same time; a repeated activity has a parcel for each repetition."""
     (tmp_path / "orders.bpmn").write_text(ORDERS)
-    scenario = Scenario.load(tmp_path / "orders.bpmn", duration=10)
-    with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
-        scenario.run(observer=log)
-    source, target = str(tmp_path / "run.mcap"), tmp_path / "run.ocel.json"
+    source = str(record(Scenario.load(tmp_path / "orders.bpmn", duration=10), tmp_path / "run.mcap"))
+    target = tmp_path / "run.ocel.json"
     objects = ["--object", "order=order_id", "--object", "parcel=parcel"]
     assert main(["log", "convert", source, "-o", str(target), *objects]) == 0
     log_of = json.loads(target.read_text())
@@ -264,9 +263,7 @@ def test_a_recording_that_does_not_say_what_a_sub_process_sees_is_refused(
 ) -> None:
     monkeypatch.setattr(changes, "_place", lambda scope: {"instance": scope.instance.key, "scope": scope.key})
     (tmp_path / "orders.bpmn").write_text(ORDERS)
-    scenario = Scenario.load(tmp_path / "orders.bpmn", duration=10)
-    with logging_to(tmp_path / "old.mcap", scenario.closures()) as log:
-        scenario.run(observer=log)
+    record(Scenario.load(tmp_path / "orders.bpmn", duration=10), tmp_path / "old.mcap")
     words = [str(tmp_path / "old.mcap"), "-o", str(tmp_path / "old.ocel.json")]
     assert "does not say which variables an event sees" in told([*words, "--object", "order=order_id"], capsys)
     assert main(["log", "convert", *words]) == 0
@@ -361,9 +358,7 @@ def test_an_object_that_a_variable_names_recording_is_no_part(
 def test_an_event_log_is_judged_with_what_called_processes_throw(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml")
-    with logging_to(tmp_path / "run.jsonl", scenario.closures()) as log:
-        scenario.run(observer=log)
+    record(Scenario.load(EXAMPLES / "ground_vehicles.yaml"), tmp_path / "run.jsonl")
     assert main(["log", "judge", str(EXAMPLES / "ground_vehicles.yaml"), str(tmp_path / "run.jsonl"), "--json"]) == 3
     (found,) = json.loads(capsys.readouterr().out)["runs"].values()
     assert {one["property"]: one["verdict"] for one in found} == {

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from recorded_runs import record
 
 import fame
 from fame.cli import main
@@ -131,9 +132,7 @@ def test_signals_are_recorded_as_messages_of_ros_2(run: tuple[Path, EventLog]) -
 
 
 def test_all_topics_are_recorded_if_wanted(tmp_path: Path) -> None:
-    scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=2)
-    with logging_to(tmp_path / "all.mcap", scenario.closures(), topics="all") as log:
-        scenario.run(observer=log)
+    record(Scenario.load(EXAMPLES / "agriculture.yaml", duration=2), tmp_path / "all.mcap", topics="all")
     with Recording(tmp_path / "all.mcap") as recording:
         assert recording.topics["/Drone/odom"].count == len(list(recording.messages(["/Drone/odom"]))) > 10
         last = list(recording.messages(["/Drone/odom"]))[-1]
@@ -221,10 +220,8 @@ def test_equal_runs_give_equal_recordings(tmp_path: Path) -> None:
     written = []
     (tmp_path / "b.mcap").write_bytes(b"an older and longer file" * 100_000)
     for name in ("a.mcap", "b.mcap"):
-        scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=3)
-        with logging_to(tmp_path / name, scenario.closures()) as log:
-            scenario.run(observer=log)
-        written.append((tmp_path / name).read_bytes())
+        path = record(Scenario.load(EXAMPLES / "agriculture.yaml", duration=3), tmp_path / name)
+        written.append(path.read_bytes())
     assert written[0] == written[1]
     with Recording(tmp_path / "b.mcap") as recording:
         assert not recording.warnings

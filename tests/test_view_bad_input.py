@@ -10,12 +10,12 @@ from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from recorded_runs import record
 from view_page import opened, until
 
 from fame.bpmn.reader import read
 from fame.cli import main
 from fame.errors import ConfigError
-from fame.log import logging_to
 from fame.log.recording_file import RecordingFile
 from fame.scenario import Scenario
 from fame.view import Replay
@@ -30,10 +30,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=60)
-    path = tmp_path_factory.mktemp("view") / "run.mcap"
-    with logging_to(path, scenario.closures()) as log:
-        scenario.run(observer=log)
-    return path
+    return record(scenario, tmp_path_factory.mktemp("view") / "run.mcap")
 
 
 def written(path: Path, metadata: dict[str, str], *messages: tuple[str, int, str], models: Any = ()) -> Path:
@@ -202,10 +199,7 @@ def test_a_model_without_a_diagram_has_its_elements(chromium: Browser, tmp_path:
     model = tmp_path / "bare.bpmn"
     model.write_text(text[:start] + text[end:], encoding="utf-8")
     assert not read(model).shapes
-    scenario, path = Scenario.load(model, duration=1), tmp_path / "run.mcap"
-    with logging_to(path, [scenario.definitions]) as log:
-        scenario.run(observer=log)
-    with Replay(path) as replay:
+    with Replay(record(Scenario.load(model, duration=1), tmp_path / "run.mcap")) as replay:
         replay.wait()
         with opened(chromium, replay) as page:
             assert "This model has no diagram" in page.locator("#diagram").inner_text()

@@ -5,6 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from recorded_runs import record
 
 from fame.bpmn.reader import read
 from fame.log import Recording, logging_to
@@ -21,17 +22,10 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 MODELS = Path(__file__).parent.parent / "models"
 
 
-def record(name: str, folder: Path, **options: object) -> Path:
-    """The recording of an example."""
-    scenario, path = Scenario.load(EXAMPLES / f"{name}.yaml", **options), folder / f"{name}.mcap"
-    with logging_to(path, scenario.closures()) as log:
-        scenario.run(observer=log)
-    return path
-
-
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record("agriculture", tmp_path_factory.mktemp("view"), duration=60)
+    scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=60)
+    return record(scenario, tmp_path_factory.mktemp("view") / "agriculture.mcap")
 
 
 def replayed(block: Block) -> RunState:
@@ -182,9 +176,7 @@ def test_a_run_that_lasts_has_the_blocks_of_its_recording(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("name", ["agriculture", "ground_vehicles", "warehouse"])
 def test_a_key_alone_gives_the_tokens_of_activities_too(name: str, tmp_path: Path) -> None:
-    scenario = Scenario.load(EXAMPLES / f"{name}.yaml", duration=30)
-    with logging_to(tmp_path / "run.mcap", scenario.closures()) as log:
-        scenario.run(observer=log)
+    record(Scenario.load(EXAMPLES / f"{name}.yaml", duration=30), tmp_path / "run.mcap")
     states = []
     with Recording(tmp_path / "run.mcap") as recording:
         middle = recording.last(KEY, 15 * 10**9)

@@ -8,13 +8,14 @@ import json
 import random
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from bpmn_text import document
+from recorded_runs import record
 from view_page import OVERLAPPING, READY, beyond, opened, until
 
-from fame.log import Recording, logging_to
+from fame.log import Recording
 from fame.scenario import Scenario
 from fame.view import ModelWatch, Replay
 
@@ -34,16 +35,10 @@ STATE = """(time) => {
 }"""
 
 
-def recorded(name: str, folder: Path, **options: Any) -> Path:
-    scenario, path = Scenario.load(EXAMPLES / f"{name}.yaml", **options), folder / f"{name}.mcap"
-    with logging_to(path, scenario.closures()) as log:
-        scenario.run(observer=log)
-    return path
-
-
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return recorded("agriculture", tmp_path_factory.mktemp("view"), duration=60)
+    scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=60)
+    return record(scenario, tmp_path_factory.mktemp("view") / "agriculture.mcap")
 
 
 @pytest.fixture(scope="module")
@@ -358,9 +353,7 @@ MODEL = f"""<?xml version="1.0" encoding="UTF-8"?>
 def test_markup_in_a_model_is_text(chromium: Browser, tmp_path: Path) -> None:
     model = tmp_path / "evil.bpmn"
     model.write_text(MODEL.replace('name="' + ESCAPED + '" isExecutable', 'name="evil" isExecutable'), encoding="utf-8")
-    scenario, path = Scenario.load(model, duration=1), tmp_path / "evil.mcap"
-    with logging_to(path, scenario.closures()) as log:
-        scenario.run(observer=log)
+    path = record(Scenario.load(model, duration=1), tmp_path / "evil.mcap")
     with Replay(path) as replay, opened(chromium, replay) as page:
         page.evaluate("fame.player.seek(fame.store.end)")
         page.evaluate("fame.select({robot: 0, element: fame.mission.elements.findIndex((one) => one.id === 'T')})")

@@ -19,13 +19,14 @@ from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 import pytest
+from recorded_runs import record
 from view_page import beyond, eventually, opened, shot, until
 
 from fame.cli import main, parser
 from fame.cli.view import _compared, _recorded_command, _source, viewed
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
-from fame.log import About, Recording, logging_to
+from fame.log import About, Recording
 from fame.scenario import Fault, Result, Scenario
 from fame.view import LiveRun, RunControl, SameRun
 from fame.view.state import WHATS
@@ -199,9 +200,7 @@ def test_a_run_that_is_over_takes_no_commands(porter: Scenario) -> None:
 
 def recorded(scenario: Scenario, path: Path) -> Path:
     about = About(metadata={"seed": str(scenario.seed), "command": "fame run x"})
-    with logging_to(path, scenario.closures(), about) as log:
-        scenario.run(observer=log)
-    return path
+    return record(scenario, path, about=about)
 
 
 def branched(scenario: Scenario, recording: Recording, time: int) -> tuple[LiveRun, SameRun]:

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from monitor_runs import told
+from recorded_runs import record
 from view_page import opened, until
 
 from fame.cli import main
 from fame.cli.monitors import judged_on_page
-from fame.log import Recording, logging_to
+from fame.log import Recording
 from fame.monitor.data_files import read_labelled_runs
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.scenario import Fault, Scenario
@@ -32,9 +33,7 @@ JOINT = "Efforts.shoulder_pan_joint"
 def recorded(path: Path, seed: int, **options: Any) -> Path:
     """The first seconds of a reassembly, with the topics of the arm."""
     scenario = Scenario.load(ROOT / "examples" / "reassembly.yaml", seed=seed, duration=8, **options)
-    with logging_to(path, scenario.closures(), topics="all") as log:
-        scenario.run(observer=log)
-    return path
+    return record(scenario, path, topics="all")
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +130,7 @@ def test_what_an_incomplete_recording_does_not_show_is_not_benign(
 
 def test_a_recording_that_is_shorter_than_a_window_is_not_judged_on_the_page(folder: Path, tmp_path: Path) -> None:
     scenario = Scenario.load(ROOT / "examples" / "reassembly.yaml", duration=0.05)
-    with logging_to(tmp_path / "short.mcap", scenario.closures(), topics="all") as log:
-        scenario.run(observer=log)
+    record(scenario, tmp_path / "short.mcap", topics="all")
     monitor = shown(folder, tmp_path / "short.mcap")
     assert (monitor["verdicts"], monitor["channels"]) == (["not judged"], [])
     with Replay(tmp_path / "short.mcap", monitor=monitor) as replay:

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from recorded_runs import record
 from view_page import beyond, opened, until
 
-from fame.log import Recording, logging_to
+from fame.log import Recording
 from fame.log.channels import PROPERTIES
 from fame.scenario import Scenario
 from fame.view import Replay
@@ -33,10 +34,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("../models", "agriculture_world.yaml", "worlds"):
         text = text.replace(f" {name}", f" {EXAMPLES / name}")
     (folder / "mine.yaml").write_text(text)
-    scenario, path = Scenario.load(folder / "mine.yaml", duration=60), folder / "mine.mcap"
-    with logging_to(path, scenario.closures()) as log:
-        scenario.run(observer=log)
-    return path
+    return record(Scenario.load(folder / "mine.yaml", duration=60), folder / "mine.mcap")
 
 
 def test_a_recording_of_a_run_has_its_properties(recording: Path) -> None:
