@@ -26,7 +26,6 @@ def pixels(path: Path, colour: str) -> int:
 
 
 POINTS = np.random.default_rng(1).normal(size=(200, 6))
-LABELS = np.where(np.arange(200) < 150, 1, -1)
 
 
 def points() -> object:

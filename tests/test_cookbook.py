@@ -1,14 +1,12 @@
 """The patterns of the cookbook: each is checked, drawn, run, explored and tested, and a fault in it is noticed."""
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from fame_test_runs import fame_test
 
 import fame
 from fame.bpmn import read
@@ -45,15 +43,6 @@ def mission(pattern: str) -> Path:
     """What `fame run` runs in the folder of a pattern."""
     scenario = COOKBOOK / pattern / "mission.yaml"
     return scenario if scenario.is_file() else scenario.with_suffix(".bpmn")
-
-
-def fame_test(*words: str, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """`fame test` in a process of its own: pytest cannot run inside of itself."""
-    own = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    command = [sys.executable, "-m", "fame", "test", "--no-project", *words]
-    return subprocess.run(
-        command, cwd=folder, env=own | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
-    )
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
@@ -95,8 +84,8 @@ def test_the_commands_on_the_pages_exist() -> None:
 
 
 def test_their_tests_pass_and_cover_them() -> None:
-    done = fame_test("examples/cookbook", "--cov-model", "--cov-fail-under", "100")
-    assert done.returncode == 0, done.stdout + done.stderr
+    code, shown = fame_test("--no-project", "examples/cookbook", "--cov-model", "--cov-fail-under", "100", folder=ROOT)
+    assert code == 0, shown
 
 
 def test_their_tests_notice_a_fault(tmp_path: Path) -> None:
@@ -106,8 +95,8 @@ def test_their_tests_notice_a_fault(tmp_path: Path) -> None:
         text = (folder / "mission.bpmn").read_text(encoding="utf-8")
         assert right in text
         (folder / "mission.bpmn").write_text(text.replace(right, wrong), encoding="utf-8")
-    done = fame_test(".", "--pytest=--tb=no", folder=tmp_path)
-    assert {*re.findall(r"^FAILED (\w+)/", done.stdout, re.MULTILINE)} == {*PATTERNS}, done.stdout
+    _, shown = fame_test("--no-project", ".", "--pytest=--tb=no", folder=tmp_path)
+    assert {*re.findall(r"^FAILED (\w+)/", shown, re.MULTILINE)} == {*PATTERNS}, shown
 
 
 def test_fame_new_copies_each_as_a_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -11,6 +9,7 @@ from typing import Any
 import pytest
 from collaborations import Steps, text_of
 from deployment_field import Field
+from fame_test_runs import fame_test
 
 from fame.cli import deployment, exploration, main, output
 from fame.log import Recording
@@ -110,17 +109,16 @@ def test_traces_are_tests_that_fail_today_and_pass_once_it_is_mended(broken: Pat
     (test,) = folder.glob("test_*.py")
     assert 'm = mission.by_hand("../broken.bpmn", lenient=True)' in test.read_text()
     assert 'm.arrive("B", "/go")   # B misses /go: it does not listen' in test.read_text()
-    command = [sys.executable, "-m", "fame", "test", str(test)]
-    failed = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
-    assert failed.returncode == 1, failed.stderr
-    assert "A: expected to have completed within 60 s" in failed.stdout
+    code, shown = fame_test(str(test), folder=tmp_path)
+    assert code == 1
+    assert "A: expected to have completed within 60 s" in shown
     broken.write_text(text_of({"A": ["throw go", "catch done"], "B": ["work", "queue go", "throw done"]}))
-    done = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
-    assert done.returncode == 0, done.stdout
-    assert "steps left out" not in done.stdout  # it went the way of the run
+    code, shown = fame_test(str(test), folder=tmp_path)
+    assert code == 0, shown
+    assert "steps left out" not in shown  # it went the way of the run
     broken.write_text(text_of({"A": ["work"], "B": ["work", "queue go", "throw done"]}))
-    other = subprocess.run([*command, "--pytest=-rA"], capture_output=True, check=False, text=True, cwd=tmp_path)
-    assert "B: expected a message on /go on its way to it" in other.stdout.split("steps left out")[1]
+    _, shown = fame_test(str(test), "--pytest=-rA", folder=tmp_path)
+    assert "B: expected a message on /go on its way to it" in shown.split("steps left out")[1]
 
 
 def test_the_trace_of_a_refuted_property_fails_until_it_holds(tmp_path: Path) -> None:
@@ -129,13 +127,12 @@ def test_the_trace_of_a_refuted_property_fails_until_it_holds(tmp_path: Path) ->
     (tmp_path / "m.properties.yaml").write_text("properties:\n  low: always A.n < 3\n")
     assert main(["check", "--explore", str(model), "--trace", str(folder)]) == 1
     assert {file.name for file in folder.iterdir()} >= {"test_m_property_low.py", "m_property_low.mcap"}
-    command = [sys.executable, "-m", "fame", "test", str(folder)]
-    failed = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
-    assert failed.returncode == 1, failed.stderr
-    assert "property low is violated: at 0 s A.n is 4" in failed.stdout
+    code, shown = fame_test(str(folder), folder=tmp_path)
+    assert code == 1
+    assert "property low is violated: at 0 s A.n is 4" in shown
     model.write_text(model.read_text().replace("n * 4", "n * 2"))
-    done = subprocess.run(command, capture_output=True, check=False, text=True, cwd=tmp_path)
-    assert done.returncode == 0, done.stdout
+    code, shown = fame_test(str(folder), folder=tmp_path)
+    assert code == 0, shown
 
 
 def test_traces_are_recordings_of_the_real_engines_and_pictures(tmp_path: Path) -> None:

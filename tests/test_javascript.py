@@ -18,8 +18,6 @@ from fame.errors import ModelError, UnavailableError
 from fame.middleware import messages
 from fame.scripting import compile_expression, compile_script
 
-COPY = "this.environment.variables.y = this.environment.variables.x; next()"
-
 
 def script(text: str, **variables: Any) -> dict[str, Any]:
     """Run one script without a robot; gives the variables without the interface."""

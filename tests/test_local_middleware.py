@@ -157,29 +157,3 @@ def test_closing_the_middleware_closes_everything(middleware: LocalMiddleware) -
     node.service("/reset", "std_srvs/Trigger", lambda request: None)
     middleware.close()
     assert (middleware.graph(), middleware.namespaces(), middleware.services) == ([], [], {})
-
-
-# ---- services --------------------------------------------------------------------------------------------------------
-
-
-def test_a_service_answers_in_the_order_of_the_calls(scheduler: Scheduler, middleware: Middleware) -> None:
-    seen: list[tuple[int, bool, str]] = []
-    middleware.node("gripper", "ARM").service(
-        "grip", "std_srvs/SetBool", lambda request: {"success": request.data, "message": f"{scheduler.now}"}
-    )
-    client = middleware.node("engine", "ARM").client("grip", "std_srvs/srv/SetBool")
-    assert client.available
-    for number, value in enumerate((True, False)):
-        client.call({"data": value}, lambda response, n=number: seen.append((n, response.success, response.message)))
-    assert seen == []
-    scheduler.run()
-    assert seen == [(0, True, "0"), (1, False, "0")]
-
-
-def test_a_service_takes_and_gives_defaults_for_none(scheduler: Scheduler, middleware: Middleware) -> None:
-    seen: list[Any] = []
-    node = middleware.node("a")
-    node.service("/reset", "std_srvs/Trigger", lambda request: None)
-    node.client("/reset", "std_srvs/Trigger").call(None, seen.append)
-    scheduler.run()
-    assert seen == [create("std_srvs/srv/Trigger_Response")]

@@ -21,10 +21,6 @@ def flows(*pairs: str) -> str:
     return "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in pairs)
 
 
-def signal_of(id: str, **said: str) -> str:
-    return f'<signalEventDefinition id="d_{id}" signalRef="{id}"/>' if not said else properties(**said)
-
-
 @pytest.fixture
 def vehicles(mission: MissionLoader) -> MissionUnderTest:
     """Two cars without a world; REX finds the target after 2 s."""

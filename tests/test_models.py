@@ -5,6 +5,7 @@ import builtins
 import math
 import re
 from collections.abc import Iterator
+from functools import cache
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -35,11 +36,17 @@ FILES = [*sorted(MODELS.glob("*.bpmn")), MODELS / "delivery" / "delivery.bpmn", 
 
 COOKBOOK = sorted((MODELS.parent / "examples" / "cookbook").glob("*/*.bpmn"))
 
-every_model = pytest.mark.parametrize("model", [read(file) for file in FILES], ids=[file.stem for file in FILES])
-DRAWN = [*FILES, *COOKBOOK]
+every_model = pytest.mark.parametrize("model", FILES, ids=lambda file: file.stem, indirect=True)
 every_drawing = pytest.mark.parametrize(
-    "model", [read(file) for file in DRAWN], ids=[f"{f.parent.name}/{f.stem}" for f in DRAWN]
+    "model", [*FILES, *COOKBOOK], ids=lambda file: f"{file.parent.name}/{file.stem}", indirect=True
 )
+read_once = cache(read)
+
+
+@pytest.fixture
+def model(request: pytest.FixtureRequest) -> Definitions:
+    """The model of a file."""
+    return read_once(request.param)
 
 
 def nodes(model: Definitions) -> Iterator[FlowNode]:

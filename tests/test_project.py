@@ -5,12 +5,12 @@ import os
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 from bpmn_text import process
+from fame_test_runs import fame_test
 
 from fame.cli import main, parser, project
 from fame.log import Recording
@@ -56,13 +56,6 @@ def team(folder: Path) -> Path:
     return folder
 
 
-def fame_test(*words: str) -> subprocess.CompletedProcess[str]:
-    """`fame test` in a process of its own: pytest cannot run inside of itself."""
-    own = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    command = [sys.executable, "-m", "fame", "test", *words]
-    return subprocess.run(command, env=own, capture_output=True, text=True, check=False)
-
-
 # ---- fame new --------------------------------------------------------------------------------------------------------
 
 
@@ -76,10 +69,10 @@ def test_a_new_project_checks_runs_and_passes_its_tests_without_arguments(folder
     monkeypatch.chdir(folder / "hospital" / "tests")
     assert main(["check"]) == 0
     assert main(["run", "--quiet"]) == 0
-    tested = fame_test()
-    assert tested.returncode == 0, tested.stdout + tested.stderr
-    assert "3 passed" in tested.stdout
-    assert "total: 100.0 %" in tested.stdout
+    code, shown = fame_test()
+    assert code == 0, shown
+    assert "3 passed" in shown
+    assert "total: 100.0 %" in shown
 
 
 def test_the_page_on_projects_lets_a_test_fail_and_mends_the_mission(folder: Path) -> None:
@@ -87,13 +80,13 @@ def test_the_page_on_projects_lets_a_test_fail_and_mends_the_mission(folder: Pat
     os.chdir(folder / "hospital")
     change, mend = re.findall(r"^sed .*$", (ROOT / "docs" / "projects.md").read_text(encoding="utf-8"), re.MULTILINE)
     subprocess.run(change, shell=True, check=True)
-    failed = fame_test()
-    assert failed.returncode == 1
-    assert "SCOUT  at Gateway_Reply since 8 s, waits for topic /joined, which no other node publishes, or timer" in (
-        failed.stdout
+    code, shown = fame_test()
+    assert code == 1
+    assert (
+        "SCOUT  at Gateway_Reply since 8 s, waits for topic /joined, which no other node publishes, or timer" in shown
     )
     subprocess.run(mend, shell=True, check=True)
-    assert fame_test().returncode == 0
+    assert fame_test()[0] == 0
 
 
 @pytest.mark.parametrize("name", ["2024", "no", "null", "1.5", "Krankenhaus_Süd"])
@@ -107,12 +100,12 @@ def test_a_name_that_yaml_takes_for_something_else_is_a_name(name: str, folder: 
 def test_tests_that_leave_an_element_out_fail_a_project_and_a_selection_of_them_does_not(folder: Path) -> None:
     main(["new", "hospital", "--json"])
     os.chdir(folder / "hospital")
-    assert fame_test("-k", "world").returncode == 0
+    assert fame_test("-k", "world")[0] == 0
     path = Path("tests/test_mission.py")
     path.write_text(path.read_text(encoding="utf-8").replace("def test_a_scout_that_finds", "def a_scout_that_finds"))
-    done = fame_test()
-    assert done.returncode == 1
-    assert "is below 100 %" in done.stdout
+    code, shown = fame_test()
+    assert code == 1
+    assert "is below 100 %" in shown
 
 
 def test_the_workflow_of_a_new_project_runs_commands_that_exist() -> None:
@@ -132,8 +125,8 @@ def test_an_example_is_copied_with_all_that_it_needs(example: Path, folder: Path
     assert own <= files(copied)
     monkeypatch.chdir(copied)
     assert main(["check"]) == 0
-    tested = fame_test("-k", "not in_the_world")
-    assert tested.returncode == 0, tested.stdout + tested.stderr
+    code, shown = fame_test("-k", "not in_the_world")
+    assert code == 0, shown
 
 
 # ---- fame.yaml -------------------------------------------------------------------------------------------------------
@@ -153,9 +146,9 @@ def test_the_project_is_named_first_and_in_json(team: Path, monkeypatch, capsys)
 
 
 def test_library_and_types_of_a_project_hold_for_its_tests(team: Path) -> None:
-    done = fame_test("tests")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert fame_test("tests", "--no-project").returncode == 1
+    code, shown = fame_test("tests")
+    assert code == 0, shown
+    assert fame_test("tests", "--no-project")[0] == 1
 
 
 def test_the_command_line_wins(team: Path, tmp_path: Path) -> None:

@@ -2,13 +2,12 @@
 
 import hashlib
 import re
-import subprocess
-import sys
 from html import unescape
 from pathlib import Path
 
 import pytest
 from bpmn_text import process, properties
+from fame_test_runs import fame_test
 
 from fame.cli import main
 
@@ -49,7 +48,7 @@ def test_the_page_says_what_was_checked_and_what_was_not(tmp_path: Path, monkeyp
     (tmp_path / "choice.bpmn").write_text(process(CHOICE))
     (tmp_path / "choice.properties.yaml").write_text(PROPERTIES)
     (tmp_path / "test_choice.py").write_text(TESTS)
-    subprocess.run([sys.executable, "-m", "fame", "test", "--cov-json", "cov.json"], check=True)
+    assert fame_test("--cov-json", "cov.json")[0] == 0
     words = ["check", "--explore", "--faults", "choice.bpmn", "--report", "out/safety.html", "--coverage", "cov.json"]
     assert main(words) == 1
     page = (tmp_path / "out" / "safety.html").read_text()
@@ -88,7 +87,7 @@ def test_a_test_that_fails_covers_no_requirement(tmp_path: Path, monkeypatch: py
     lines = ["    import pytest", "    pytest.skip('not today')"]
     skipped = TESTS.replace("test_right", "test_later").replace("R5", "R7").replace("R6", "R8") + "\n".join(lines)
     (tmp_path / "test_choice.py").write_text(f"{TESTS}    assert False\n{skipped.replace('import pytest', '', 1)}\n")
-    subprocess.run([sys.executable, "-m", "fame", "test", "--cov-json", "cov.json"], check=False)
+    assert fame_test("--cov-json", "cov.json")[0] == 1
     assert main(["check", "--explore", "choice.bpmn", "--report", "page.html", "--coverage", "cov.json"]) == 3
     page = (tmp_path / "page.html").read_text()
     assert {id: status for id, *_, status in rows(page, "Requirements")} == dict.fromkeys(
@@ -105,7 +104,7 @@ def test_coverage_of_another_model_is_said(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     (tmp_path / "choice.bpmn").write_text(process(CHOICE))
     (tmp_path / "test_choice.py").write_text(TESTS)
-    subprocess.run([sys.executable, "-m", "fame", "test", "--cov-json", "cov.json"], check=True)
+    assert fame_test("--cov-json", "cov.json")[0] == 0
     model = "choice.bpmn" if change == "version" else "new.bpmn"
     (tmp_path / model).write_text(process(CHOICE.replace("Right", "Onward")))
     main(["check", "--explore", model, "--report", "page.html", "--coverage", "cov.json"])

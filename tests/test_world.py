@@ -1,5 +1,6 @@
 """The world is what its file says, refuses what cannot be, and runs the same way every time."""
 
+import hashlib
 import json
 import math
 import subprocess
@@ -12,6 +13,7 @@ from grounds import Ground, ground
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
+from fame.middleware import messages
 from sim2d.config import read_world, world_config
 from sim2d.ground import Circle, Polygon, convex
 from sim2d.world import World
@@ -301,32 +303,31 @@ def test_a_robot_is_broken_by_name_and_the_summary_says_so():
         g.world.fault("RIX", "wheels")
 
 
-RUN = """
-import hashlib, sys
-sys.path[:0] = ["tests"]
-from grounds import ground
-from fame.middleware import messages
-g = ground(seed=int(sys.argv[1]), obstacles=[{"at": [2.5, 2.1], "radius": 0.3}], rex={"watchdog": 0},
-           robots={"DINGO": {"type": "car", "at": [1, 3], "heading": -40, "watchdog": 0}})
-heard = [g.hear(f"/{name}/{topic}", kind) for name in ("REX", "DINGO")
-         for topic, kind in (("odom", "nav_msgs/msg/Odometry"), ("range", "sensor_msgs/msg/Range"))]
-g.run(0)
-g.drive(0.6, 0.2)
-g.drive(0.8, 0.0, "DINGO")
-g.run(10)
-text = repr([[messages.to_mapping(message) for message in topic] for topic in heard]) + repr(g.world.collisions)
-print(len(g.world.collisions), hashlib.sha256(text.encode()).hexdigest())
-"""
+def outcome(seed: int) -> tuple[int, str]:
+    """How many collisions two cars have, and a digest of all that they say."""
+    g = ground(
+        seed=seed,
+        obstacles=[{"at": [2.5, 2.1], "radius": 0.3}],
+        rex={"watchdog": 0},
+        robots={"DINGO": {"type": "car", "at": [1, 3], "heading": -40, "watchdog": 0}},
+    )
+    types = {"odom": "nav_msgs/msg/Odometry", "range": "sensor_msgs/msg/Range"}
+    heard = [g.hear(f"/{name}/{topic}", type) for name in ("REX", "DINGO") for topic, type in types.items()]
+    g.run(0)
+    g.drive(0.6, 0.2)
+    g.drive(0.8, 0.0, "DINGO")
+    g.run(10)
+    text = repr([[messages.to_mapping(message) for message in topic] for topic in heard]) + repr(g.world.collisions)
+    return len(g.world.collisions), hashlib.sha256(text.encode()).hexdigest()
 
 
 def test_the_same_seed_gives_the_same_bytes_in_another_process():
-    def run(seed):
-        command = [sys.executable, "-c", RUN, str(seed)]
-        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
-
-    first, again, other = run(1), run(1), run(2)
-    assert first == again
-    assert int(first[0]) > 0
+    code = "import sys; sys.path[:0] = ['tests']; from test_world import outcome; print(*outcome(1))"
+    command = [sys.executable, "-c", code]
+    there = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
+    first, other = outcome(1), outcome(2)
+    assert there == [*map(str, first)]
+    assert first[0] > 0
     assert first[1] != other[1]
 
 
