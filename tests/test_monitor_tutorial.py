@@ -27,7 +27,7 @@ RUNS, LENGTH = 10, 27.0
 SEEDS = (12, 13, 14)
 """Of the runs that are judged."""
 
-pytestmark = pytest.mark.processes  # for their time: half a minute
+pytestmark = pytest.mark.processes  # for their time: one to two minutes
 
 
 class Cell:

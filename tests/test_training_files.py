@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from fame.cli import main
+from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.data_files import Special, read_runs
 from fame.monitor.pipeline import train as training
-from fame.monitor.pipeline.train import Training, suited_detector
+from fame.monitor.pipeline.train import Training, suited_detector, training_of
 from fame.monitor.pipeline.training_checks import warnings_of
 
 RATE, LENGTH, CYCLES = 20.0, 120, 8
@@ -173,12 +174,20 @@ def test_phases_suit_only_cycles_that_repeat(tmp_path: Path):
     assert suited_detector(named) == ("phase", "the runs name elements of the mission")
 
 
+@pytest.mark.parametrize("key", ["hidden", "Activation", "EPOCHS"])
+def test_a_key_of_autoencoders_says_which_detector_is_meant(tmp_path: Path, key: str):
+    section = {key: "tanh" if key == "Activation" else 2}
+    assert training_of(ConfigValue(section, "Training"), tmp_path).detector == "autoencoder"
+    assert training_of(ConfigValue({**section, "Detector": "pca"}, "Training"), tmp_path).detector == "pca"
+    assert training_of(ConfigValue({"Folds": 4}, "Training"), tmp_path).detector == ""
+
+
 @pytest.mark.parametrize(("repeat", "name"), [(True, "phase"), (False, "mahalanobis")])
 def test_a_configuration_without_detector_takes_the_one_that_suits_its_runs_and_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], repeat: bool, name: str
 ):
     german(tmp_path / "runs.csv", repeat=repeat)
-    section = "Files: [runs.csv], Model: m.skops, RunColumn: cycle, TimeColumn: Zeit, Window: 20, Epochs: 2"
+    section = "Files: [runs.csv], Model: m.skops, RunColumn: cycle, TimeColumn: Zeit, Window: 20"
     why = f"{name} (chosen, as the runs {'repeat' if repeat else 'do not repeat'})"
     (tmp_path / "c.yaml").write_text(f"Training: {{{section}}}\n")
     assert main(["monitor", "train", str(tmp_path / "c.yaml")]) == 0

@@ -40,6 +40,7 @@ from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import (
     ACTIVATIONS,
     RULES,
+    ChannelAutoencoders,
     Whitening,
     detector_names,
     draw_lot,
@@ -347,6 +348,8 @@ def training_of(section: ConfigValue, folder: Path) -> Training:
         given[name] = _READERS[name](value)
         if name == "files":
             given[name] = tuple(str(path) for item in _items(value) for path in _found(folder, item))
+    if _OF_AUTOENCODERS & given.keys():  # keys that say which detector is meant
+        given.setdefault("detector", ChannelAutoencoders.kind)
     return Training(**{**given, "model": str(folder / given.get("model", Training.model))})
 
 
@@ -423,6 +426,9 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "neighbours": partial(ConfigValue.integer, minimum=10),
     "seed": partial(ConfigValue.integer, minimum=0, maximum=2**32 - 1),
 }
+
+
+_OF_AUTOENCODERS = {"hidden", "activation", "epochs"}
 
 
 def _matching(folder: Path, value: ConfigValue) -> list[Path]:
