@@ -23,6 +23,7 @@ from shares import over_clusters, told
 
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, losses
+from fame.monitor.pipeline.trained_model import TrainedModel
 
 WINDOW, STRIDE, ASKED = 25, 5, 0.05
 TRAIN, UNDISTURBED, FAULTY = range(19), range(100, 140), range(200, 208)
@@ -37,10 +38,15 @@ def usual_alarm(name: str, runs: list[Samples]) -> Callable[[Samples], bool]:
     return lambda run: bool(score(run).max() > threshold)
 
 
+def own_model(detector: str, runs: list[Samples]) -> TrainedModel:
+    """Train a detector of FAME."""
+    config = Training(detector=detector, window=WINDOW, stride=STRIDE, false_alarms=f"{ASKED} per run", folds=FOLDS)
+    return fit(runs, config)
+
+
 def own_alarm(detector: str, runs: list[Samples]) -> Callable[[Samples], bool]:
     """Give what tells whether a detector of FAME raises an alarm."""
-    config = Training(detector=detector, window=WINDOW, stride=STRIDE, false_alarms=f"{ASKED} per run", folds=FOLDS)
-    model = fit(runs, config)
+    model = own_model(detector, runs)
     return lambda run: bool((losses(model, run, STRIDE).values > np.array(model.thresholds)).any())
 
 
