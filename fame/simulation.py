@@ -12,7 +12,7 @@ from random import Random
 from typing import Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Process, Task
+from fame.bpmn.model import Definitions, Process
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
@@ -264,10 +264,7 @@ def _expect_values(argument: str, values: object) -> None:
 
 def _is_for_all(mission: Mission) -> bool:
     """Whether its program is the same for each simulation of its file: without services and calls of other files."""
-    return all(
-        home is mission.definitions and not (isinstance(node, Task) and node.operation)
-        for home, node in mission.flow_nodes()
-    )
+    return all(home is mission.definitions and not node.operation for home, node in mission.flow_nodes())
 
 
 def _declared(definitions: Definitions) -> dict[str, TopicUse]:

@@ -26,10 +26,7 @@ from fame.bpmn.model import (
     DataObject,
     Definitions,
     Element,
-    Event,
     FlowNode,
-    SubProcess,
-    Task,
     TimerDefinition,
 )
 from fame.bpmn.pools import pools_of
@@ -106,13 +103,13 @@ def _properties_of(node: FlowNode) -> Iterator[str]:
         yield from PROPERTIES[THROWS if thrown else CATCHES]
     if node.triggered_by_event:
         yield from PROPERTIES[EVENT_SUB_PROCESSES]
-    if isinstance(node, Task) and node.service is not None:
+    if node.service is not None:
         yield from PROPERTIES[SERVICES]
-    if isinstance(node, Event) and any(isinstance(one, TimerDefinition) for one in node.definitions):
+    if node.defined(TimerDefinition):
         yield from PROPERTIES[TIMERS]
-    if isinstance(node, SubProcess) and node.kind == "adhoc":
+    if node.tag == "adHocSubProcess":
         yield from PROPERTIES[AD_HOC]
-    if isinstance(node, Activity) and node.loop is not None:
+    if node.loop is not None:
         yield from PROPERTIES[REPETITIONS]
 
 

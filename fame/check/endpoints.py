@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from fame.bpmn.model import Expression, FlowNode, Task, Topic
+from fame.bpmn.model import Expression, FlowNode, Topic
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
@@ -116,8 +116,7 @@ def level_of(team: Sequence[CheckScope]) -> Level:
     configuration), or if it is part of a mission whose other files may be missing.
     """
     pools = [pool for one in team for pool in one.definitions.participants]
-    nodes = (node for one in team for process in one.processes for node in process.nodes())
-    monitored = any(isinstance(node, Task) and node.operation in SERVICES for node in nodes)
+    monitored = any(node.operation in SERVICES for one in team for process in one.processes for node in process.nodes())
     return (
         "warning" if len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored else "note"
     )

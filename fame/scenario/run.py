@@ -401,4 +401,4 @@ def seldom_collected() -> Iterator[None]:
 def _watches_properties(plan: Plan) -> bool:
     """Whether a robot watches a property."""
     bodies = (process.body for definitions in plan.closures() for process in definitions.processes)
-    return any(getattr(node, "operation", "") == WATCH for body in bodies for node in body.walk())
+    return any(node.operation == WATCH for body in bodies for node in body.walk())

@@ -158,7 +158,7 @@ def _requirements(
         tests = dict.fromkeys(marked.get(id, ()))
         for name, element in named:
             tests |= dict.fromkeys(entered.get((Path(name).resolve(), element.id), ()))
-        shown = ", ".join(display_name(one.id, one.name) for _, one in named)
+        shown = ", ".join(one.display_name for _, one in named)
         words = ", ".join(f"{one.name}: {one.verdict}" for one in told)
         verdicts = {one.verdict for one in told}
         outcomes = coverage.not_passed if coverage is not None else {}

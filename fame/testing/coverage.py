@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import comes_with_fame
 from fame.bpmn.model import Definitions, Element, Process, SequenceFlow
-from fame.errors import ConfigError, display_name
+from fame.errors import ConfigError
 from fame.testing.elements import parts
 
 if TYPE_CHECKING:
@@ -299,8 +299,8 @@ def _drawing(definitions: Definitions, processes: Sequence[ProcessCoverage]) -> 
 
 def _shown(element: Element) -> str:
     if isinstance(element, SequenceFlow):
-        return f"flow {display_name(element.id, element.name)}: {element.source} -> {element.target}"
-    return display_name(element.id, element.name)
+        return f"flow {element.display_name}: {element.source} -> {element.target}"
+    return element.display_name
 
 
 def _short(file: str) -> str:

@@ -21,10 +21,6 @@ class ModelElement:
     process: Process
     element: Element
 
-    @property
-    def shown(self) -> str:
-        return display_name(self.element.id, self.element.name)
-
 
 class Elements:
     """The elements of each robot: those of its process and of all processes that this calls."""
@@ -55,7 +51,8 @@ class Elements:
         if not found:
             raise ConfigError(f"{robot} has no element {name!r}{self._similar(elements, name)}")
         for other in (one for one in elements if one.element.id in found and _plain(one.element.name) != label):
-            raise ConfigError(f"{name!r} has the id of {other.shown} in {Path(other.file).name}: rename one of them")
+            shown = f"{other.element.display_name} in {Path(other.file).name}"
+            raise ConfigError(f"{name!r} has the id of {shown}: rename one of them")
         return found
 
     def may_contain(self, robot: str, ids: frozenset[str], inner: str) -> bool:
@@ -93,7 +90,7 @@ class Elements:
         for one in elements:
             for word in (one.element.name, one.element.id):
                 if word:
-                    known.setdefault(_plain(word), one.shown)
+                    known.setdefault(_plain(word), one.element.display_name)
         near = difflib.get_close_matches(_plain(name), known, 3, 0.5)
         if near:
             return f"; did you mean {' or '.join(dict.fromkeys(known[word] for word in near))}?"

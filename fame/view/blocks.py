@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence, Set
 from functools import partial
 from typing import Any, NamedTuple
 
-from fame.bpmn.model import CallActivity, SubProcess
+from fame.bpmn.model import SubProcess
 from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.reading import tally
 from fame.log.recording import scene_values
@@ -368,10 +368,9 @@ class Packer:
             return ScopeInfo(instance, elements[candidates[0]].file)
         openers = [key for key in reversed(self.state.tokens) if key[:2] == (robot, instance)]
         for key in openers:
-            opened = elements[key.element].element
-            inside = self.catalogue.called.get(key.element) if isinstance(opened, CallActivity) else key.element
+            inside = self.catalogue.called.get(key.element, key.element)
             for candidate in candidates:
-                if inside is not None and elements[candidate].body == inside:
+                if elements[candidate].body == inside:
                     around = self.state.scopes.get((robot, key.scope))
                     depth = around.depth + 1 if around is not None else 1
                     return ScopeInfo(instance, elements[candidate].file, key.scope, key.element, depth)

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from fame.bpmn.draw.diagram import Drawing, draw_planes
 from fame.bpmn.library import BUILT_IN, Find
 from fame.bpmn.model import (
-    Activity,
     Body,
     CallActivity,
     Definitions,
@@ -196,12 +195,7 @@ class Catalogue:
         if (file, element.id) in self._planes:
             return self._planes.index((file, element.id))
         process = self.called.get(number)
-        if process is None:
-            return NOWHERE
-        body = self.elements[process].element
-        assert isinstance(body, Process)
-        inside = (self._plane_of.get(self._number[self.elements[process].file, node.id]) for node in body.body.nodes)
-        return next((plane for plane in inside if plane is not None), NOWHERE)
+        return self.plane_of(process) if process is not None else NOWHERE
 
     def _body(self, number: int) -> Body | None:
         """What is inside a process or sub-process."""
@@ -276,7 +270,7 @@ def _progress_names(node: FlowNode) -> list[str]:
 
 def _due(node: FlowNode, inside: Body | None) -> float:
     """The seconds until the first interrupting boundary timer of an activity, if that is a literal; else 0."""
-    events = inside.boundary(node.id) if inside is not None and isinstance(node, Activity) else ()
+    events = inside.boundary(node.id) if inside is not None else ()
     found = [_seconds(timer) for event in events if event.interrupting for timer in event.defined(TimerDefinition)]
     return min(filter(None, found), default=0.0)
 

@@ -107,6 +107,11 @@ class FlowNode(Element):
         return None
 
     @property
+    def operation(self) -> str:
+        """The service that a task names."""
+        return ""
+
+    @property
     def default(self) -> str:
         """The id of its default flow."""
         return ""

@@ -144,11 +144,7 @@ def _why_not_attached(id: str, host: FlowNode | None) -> str:
         return f"{id!r}: there is no such activity in its scope"
     if not isinstance(host, Activity):
         return f"{id!r}, which is not an activity"
-    return (
-        f"{id!r}, an event sub-process, which cannot have boundary events"
-        if getattr(host, "triggered_by_event", False)
-        else ""
-    )
+    return f"{id!r}, an event sub-process, which cannot have boundary events" if host.triggered_by_event else ""
 
 
 # ---- flows -----------------------------------------------------------------------------------------------------------

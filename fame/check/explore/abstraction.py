@@ -241,10 +241,8 @@ class Abstraction:
         others = self.named if thrown is None else _thrown_in(self.library, *called, self.named, set()) or set()
         named = {*others} - {*codes}
         inside = [one for _, called_process in closure for one in called_process.body.walk()]
-        served = any(
-            (isinstance(one, model.Task) and one.service is not None) or outcomes(one.script) for one in inside
-        )
-        worked = any(isinstance(one, model.Task) and one.operation and one.service is None for one in inside)
+        served = any(one.service is not None or outcomes(one.script) for one in inside)
+        worked = any(one.operation and one.service is None for one in inside)
         own = {"service"} if served else {"script"} if worked else set[str]()
         any_code = thrown is None and any(map(_computes, inside))
         if self._is_caught(call, body, around):
