@@ -221,7 +221,7 @@ def run_record(arguments: Namespace) -> int:
     else:
         node = listen(arguments, make)
     rows, runs = node.rows, node.run + bool(node.rows)
-    left_out = node.subscriptions.left_out
+    left_out = node.left_out
     if not rows:
         raise MissionError(f"nothing was recorded: {'; '.join(each.text for each in left_out) or _SILENT}")
     stored = list(zip(arguments.output, node.stored, strict=True))

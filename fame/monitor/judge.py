@@ -490,7 +490,7 @@ def _joint_states(model: Model, path: Path, topic: str) -> tuple[Recording, tupl
         model.joints, values[kept], np.ones(len(runs), dtype=np.int64), runs, stamps[kept], str(path),
         (*incomplete(path), *notes), labelled=False,
     )  # fmt: skip
-    return found, node.subscriptions.left_out
+    return found, node.left_out
 
 
 def _judge_points(model: Model, run: LabelledRun, number: int) -> JudgedRun:

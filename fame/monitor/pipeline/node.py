@@ -18,17 +18,14 @@ import numpy as np
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError, FameError
-from fame.middleware.interface import Middleware, Node, Publisher, resolve
-from fame.middleware.typesystem import STRING
+from fame.middleware.interface import Middleware, Node, Publisher
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
-from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.fields import Writer, writer
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import as_samples, assign, make_processors, pair
-from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
-from fame.robot.robot_state import EVENTS_TOPIC
+from fame.monitor.pipeline.subscriptions import InputNode, ThrottledReport
 
 _LAST_SECOND = 2.0**31
 """Seconds of builtin_interfaces/msg/Time end here."""
@@ -99,21 +96,14 @@ def _finite_rows(arrays: Sequence[Any], stamps: Floats) -> Any:
     return finite
 
 
-_WATCH_PERIOD = SECOND
-
-
-class ProcessingNode:
+class ProcessingNode(InputNode):
     """The node. It lives until `close`; `report` gets a line for everything unusual.
 
     `processors` stand in for those of the configuration, if given. Raises ConfigError and MessageError before anything
     runs.
     """
 
-    configuration: Configuration
-    scheduler: Scheduler
     processors: list[Any]
-    report: ThrottledReport
-    node: Node
     calls: int
     missed: int
 
@@ -127,34 +117,28 @@ class ProcessingNode:
         namespace: str = "",
         report: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self.configuration, self.scheduler = configuration, scheduler
         self.processors = list(processors) if processors is not None else make_processors(configuration)
         self._assigned = assign(self.processors, configuration)
-        self.report = ThrottledReport(lambda text: report(f"{configuration.name}: {text}"))
+        self._by_phase = [each for each in self.processors if getattr(each, "needs_elements", False)]
+        super().__init__(
+            middleware, scheduler, configuration, namespace=namespace, report=report, outputs=configuration.outputs,
+            elements=bool(self._by_phase),
+        )  # fmt: skip
         for processor in self.processors:
             if hasattr(processor, "report"):
                 processor.report = partial(self._on_processor_report, type(processor).__name__)
-        ends = [[(resolve(port.topic, namespace), port.type) for port in ports]
-                for ports in (configuration.inputs, configuration.outputs)]  # fmt: skip
-        check_types(middleware, *ends)
-        self.node = middleware.node(configuration.name, namespace)
         try:
-            self._subscriptions = Subscriptions(middleware, self.node, scheduler, configuration.inputs, self.report)
             self._publications = Publications(self.node, configuration.outputs, self.report)
             self._parameters = ParameterServer(self.node, self.processors, self.report)
-            self._by_phase = [each for each in self.processors if getattr(each, "needs_elements", False)]
-            self._follower = ElementFollower()
-            if self._by_phase:
-                self.node.subscription(EVENTS_TOPIC, STRING, self._follower.on_message)
         except BaseException:
-            self.node.close()
+            super().close()
             raise
         self.calls = self.missed = 0
         self._period = round(SECOND / configuration.frequency)
         self._due = scheduler.now + self._period
         self._entries: list[Entry] = [
             scheduler.at(self._due, self._call, Kind.TIMER),
-            scheduler.after(_WATCH_PERIOD, self._check_rates, Kind.TIMER),
+            scheduler.after(SECOND, self._check_rates, Kind.TIMER),
         ]
 
     @property
@@ -162,22 +146,22 @@ class ProcessingNode:
         return self._publications.count
 
     def close(self) -> None:
+        """Close all endpoints, and what its processors have opened."""
         for entry in self._entries:
             entry.cancel()
-        self._subscriptions.close()
         for processor in self.processors:
             close = getattr(processor, "close", None)
             if close is not None:
                 close()
-        self.node.close()
+        super().close()
 
     def set(self, name: str, value: Any) -> Any:
         """Set a parameter, as `fame param set` does. Raises ConfigError."""
         return self._parameters.set(name, value)
 
     def _check_rates(self) -> None:
-        self._subscriptions.check_rates()
-        self._entries[1] = self.scheduler.after(_WATCH_PERIOD, self._check_rates, Kind.TIMER)
+        self.check_rates()
+        self._entries[1] = self.scheduler.after(SECOND, self._check_rates, Kind.TIMER)
 
     def _on_processor_report(self, who: str, text: str) -> None:
         self.report(_without_numbers(f"{who} {text}"), f"{who}: {text}")
@@ -194,7 +178,7 @@ class ProcessingNode:
             )
         self._due += (late + 1) * self._period
         self.calls += 1
-        inputs = self._subscriptions.take()
+        inputs = self.take()
         if not inputs or any(map(len, inputs.values())):
             self._execute(inputs)
         self._entries[0] = self.scheduler.at(self._due, self._call, Kind.TIMER)
@@ -202,7 +186,7 @@ class ProcessingNode:
     def _execute(self, inputs: Mapping[str, Samples]) -> None:
         current: Mapping[str, Any] = inputs
         for processor in self._by_phase:
-            processor.elements = self._follower.changes
+            processor.elements = self.follower.changes
         latest = max((float(item.stamps[-1]) for item in inputs.values() if len(item)), default=None)
         stamp = self.scheduler.now / SECOND if latest is None else latest
         for processor in self.processors:

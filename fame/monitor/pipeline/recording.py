@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
-from fame.middleware.interface import Middleware, Node, resolve
+from fame.middleware.interface import Middleware, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.typesystem import STRING
 from fame.monitor.pipeline.configuration import Configuration, Port, load
-from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row, RowsStored
-from fame.monitor.pipeline.subscriptions import LeftOut, Subscriptions, ThrottledReport, check_types
+from fame.monitor.pipeline.subscriptions import InputNode, LeftOut
 from fame.robot.robot_state import EVENTS_TOPIC
 
 if TYPE_CHECKING:
@@ -55,7 +54,7 @@ class RecordingOptions:
     report: Callable[[str], object] = lambda text: None
 
 
-class RecordingNode:
+class RecordingNode(InputNode):
     """The recording node. It lives until `close`.
 
     outputs  where to: ``.csv``; a folder, which becomes a bag of ROS 2; ``.mcap``; ``http://host:8086/database``
@@ -65,9 +64,6 @@ class RecordingNode:
     """Whether nothing more is wanted."""
     rows: int
     run: int
-    report: ThrottledReport
-    node: Node
-    subscriptions: Subscriptions
 
     def __init__(
         self,
@@ -81,40 +77,31 @@ class RecordingNode:
         options = options or RecordingOptions()
         if not configuration.inputs:
             raise ConfigError("has no Inputs to record", file=str(configuration.file), element="Inputs")
-        self._scheduler = scheduler
         self.rows, self.run, self._begun = 0, 0, False
         self._first, self._length = inf, inf
         self._stop: Callable[[], object] = lambda: None
-        self.report = ThrottledReport(lambda text: options.report(f"{configuration.name}: {text}"))
-        ports = configuration.inputs
-        topics = [resolve(port.topic, options.namespace) for port in ports]
-        check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
-        self.node = middleware.node(name or f"{configuration.name}_recorder", options.namespace)
-        self._follower = ElementFollower() if options.elements else None
         self._outputs: list[CsvFile | Influx | BagWriter] = []
+        self._entry: Entry | None = None
+        super().__init__(
+            middleware, scheduler, configuration, name or f"{configuration.name}_recorder",
+            namespace=options.namespace, report=options.report, elements=options.elements, on_sample=self._on_sample,
+            ordered=options.ordered,
+        )  # fmt: skip
+        ports = {resolve(port.topic, options.namespace): port for port in configuration.inputs}
         try:
             for output in outputs:
-                self._outputs.append(self._open(configuration, output, topics, options.append))
+                self._outputs.append(self._open(output, options))
             self._sinks = [each for each in self._outputs if not isinstance(each, BagWriter)]
             self._bags = [each for each in self._outputs if isinstance(each, BagWriter)]
-            self.subscriptions = Subscriptions(
-                middleware, self.node, scheduler, ports, self.report, self._on_sample, ordered=options.ordered
-            )
-            self.handlers: dict[str, Callable[[Any], object]] = {
-                each.topic: partial(self.subscriptions.on_message, each) for each in self.subscriptions.streams
-            }
-            for topic, port in dict(zip(topics, ports, strict=True)).items() if self._bags else ():
+            for topic, port in ports.items() if self._bags else ():
                 self.node.subscription(topic, port.type, partial(self._message, topic), port.qos)
-            if self._follower is not None:
-                watched = self.node.subscription(EVENTS_TOPIC, STRING, self._follower.on_message)
-                self.handlers[watched.topic] = self._follower.on_message
             for topic, handler in ((options.run_topic, self.begin), (options.end_topic, self.end)):
                 if topic:
                     self.handlers[self.node.subscription(topic, EMPTY, handler).topic] = handler
         except BaseException:
-            self._close_all()
+            RecordingNode.close(self)
             raise
-        self._files, self._watched = bool(outputs), scheduler.now
+        self._watched = scheduler.now
         self._entry = self._flush_later()
 
     def end_after(self, seconds: float, stop: Callable[[], object]) -> None:
@@ -127,7 +114,7 @@ class RecordingNode:
         if self.rows == rows:
             self._stop()
         else:
-            self._scheduler.after(round(self._length * SECOND), partial(self._look, self.rows), Kind.TIMER)
+            self.scheduler.after(round(self._length * SECOND), partial(self._look, self.rows), Kind.TIMER)
 
     def begin(self, message: Any = None) -> None:
         self.run += self._begun
@@ -138,12 +125,12 @@ class RecordingNode:
 
     def wait(self, until: int) -> None:
         """Let simulated time pass without messages. It may be years: once silence is reported, nothing is done."""
-        if until - self._scheduler.now > _PAUSE:
-            self._scheduler.run(self._scheduler.now + _PAUSE)
+        if until - self.scheduler.now > _PAUSE:
+            self.scheduler.run(self.scheduler.now + _PAUSE)
             self._stop_flushing()
-            self._scheduler.run(until)
+            self.scheduler.run(until)
             self._flush()
-        self._scheduler.run(until)
+        self.scheduler.run(until)
 
     def stop(self) -> bool:
         """Return False: nothing has to be waited for."""
@@ -152,8 +139,9 @@ class RecordingNode:
     def close(self) -> None:
         """Write what is left and close all endpoints."""
         self._stop_flushing()
-        self.subscriptions.close()
-        self._close_all()
+        super().close()
+        for output in self._outputs:
+            output.close()
 
     @property
     def stored(self) -> list[RowsStored]:
@@ -164,31 +152,25 @@ class RecordingNode:
     def is_whole(self) -> bool:
         """Whether every output has all that came: no row is missing, no message was left out but of joints that the
         configuration does not name. Bags have messages that are left out of rows."""
-        lost = any(each.number > each.unwanted for each in self.subscriptions.left_out)
+        lost = any(each.number > each.unwanted for each in self.left_out)
         return all(each.whole for each in self.stored) and not (lost and self._sinks)
 
-    def _close_all(self) -> None:
-        self.node.close()
-        for output in self._outputs:
-            output.close()
-
-    def _open(
-        self, configuration: Configuration, output: str | Path, topics: Sequence[str], append: bool
-    ) -> CsvFile | Influx | BagWriter:
-        path, ports = Path(output), configuration.inputs
+    def _open(self, output: str | Path, options: RecordingOptions) -> CsvFile | Influx | BagWriter:
+        path, configuration, ports = Path(output), self.configuration, self.configuration.inputs
         if "://" in str(output):
             place = re.sub(r"\W+", "_", str(output).partition("://")[2])  # what waits for one must not go to another
             spool = configuration.folder / f".{configuration.name}_influx_{place}"
             return Influx(str(output), spool, configuration.name, self.report.always)
         if path.suffix == ".csv":
-            return CsvFile(path, ports, self.report, self._now, append=append, follower=self._follower)
+            follower = self.follower if options.elements else None
+            return CsvFile(path, ports, self.report, self._now, append=options.append, follower=follower)
         if path.suffix in ("", ".mcap"):
-            return BagWriter(path, ports, topics)
+            return BagWriter(path, ports, [resolve(port.topic, options.namespace) for port in ports])
         text = f"expected .csv, .mcap, no ending (a bag) or http://, got {path.suffix!r}"
         raise ConfigError(text, file=str(output))
 
     def _now(self) -> float:
-        return self._scheduler.now / SECOND
+        return self.scheduler.now / SECOND
 
     def _on_sample(self, ports: Sequence[Port], stamp: float, values: Sequence[Any], names: Any) -> None:
         row = Row(stamp, self.run, ports, values, tuple(names))
@@ -202,19 +184,19 @@ class RecordingNode:
 
     def _message(self, topic: str, message: Any) -> None:
         for bag in self._bags:
-            bag.put(topic, self._scheduler.now / SECOND, message)
+            bag.put(topic, self._now(), message)
 
     def _flush(self) -> None:
         for sink in self._sinks:
             sink.flush()
-        if self._scheduler.now - self._watched >= SECOND:
-            self._watched = self._scheduler.now
-            self.subscriptions.check_rates()
+        if self.scheduler.now - self._watched >= SECOND:
+            self._watched = self.scheduler.now
+            self.check_rates()
         self._entry = self._flush_later()
 
     def _flush_later(self) -> Entry | None:
-        """Flush later, unless there are no files: simulated time without messages may then end."""
-        return self._scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER) if self._files else None
+        """Flush later, unless there are no outputs: simulated time without messages may then end."""
+        return self.scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER) if self._outputs else None
 
     def _stop_flushing(self) -> None:
         if self._entry is not None:
@@ -281,9 +263,9 @@ def tables_of(
                 table.parent.mkdir()
                 node = record_bag(path, load(configuration), [table], options)
                 tables[number], bags[str(table)] = str(table), str(path)
-                left_out[str(table)] = node.subscriptions.left_out
+                left_out[str(table)] = node.left_out
                 if not node.rows:
-                    why = "; ".join(each.text for each in node.subscriptions.left_out)
+                    why = "; ".join(each.text for each in node.left_out)
                     raise ConfigError(why or f"has no messages on {', '.join(node.handlers)}", file=str(path))
         try:
             yield BagTables(tuple(tables), left_out)

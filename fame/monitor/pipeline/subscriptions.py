@@ -1,4 +1,4 @@
-"""Subscriptions of a node, the samples that arrive, silent topics, and reports that do not repeat themselves.
+"""Nodes that subscribe, the samples that arrive, silent topics, and reports that do not repeat themselves.
 
 Each topic is subscribed once. A message gives one sample to every input of its topic, or to none: if any input cannot
 be read or is not finite, or the stamp is not later than the last one, the whole message is left out, and the reason is
@@ -20,11 +20,14 @@ import numpy as np
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import MessageError
-from fame.middleware.interface import Middleware, Node
+from fame.middleware.interface import Middleware, Node, resolve
+from fame.middleware.typesystem import STRING
 from fame.monitor.pipeline import fields
-from fame.monitor.pipeline.configuration import Port
+from fame.monitor.pipeline.configuration import Configuration, Port
+from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.fields import OtherDevice, Read, UnusableMessage, has_stamp, reader, stamp_of, unusable
 from fame.monitor.pipeline.processor import Samples
+from fame.robot.robot_state import EVENTS_TOPIC
 
 
 class ThrottledReport:
@@ -167,32 +170,54 @@ class _Stream:
         self.shapes: list[tuple[int, ...] | None] = [None for _ in self.ports]
 
 
-class Subscriptions:
-    """The subscriptions of a node. `take` gives what has arrived since its last call."""
+class InputNode:
+    """A node that subscribes to what a configuration calls Inputs, until `close`.
+
+    report    gets a line for everything unusual
+    node      what it has made on the middleware
+    follower  knows the active element of the mission, if that is wanted
+    handlers  what takes the messages of each topic (full name)
+    """
+
+    configuration: Configuration
+    scheduler: Scheduler
+    report: ThrottledReport
+    node: Node
+    follower: ElementFollower
 
     def __init__(
-        self,
-        middleware: Middleware,
-        node: Node,
-        scheduler: Scheduler,
-        ports: Sequence[Port],
-        report: ThrottledReport,
+        self, middleware: Middleware, scheduler: Scheduler, configuration: Configuration, name: str = "", *,
+        namespace: str = "", report: Callable[[str], object], outputs: Sequence[Port] = (), elements: bool = False,
         on_sample: Callable[[Sequence[Port], float, Sequence[Any], Sequence[tuple[str, ...]]], object] | None = None,
-        *,
         ordered: bool = True,
-    ) -> None:
-        """Subscribe. `on_sample`, if given, gets every sample at once, and nothing is kept for `take`; it may raise
-        UnusableMessage. Without `ordered`, stamps need not grow."""
-        self._scheduler, self._report, self._on_sample, self._ordered = scheduler, report, on_sample, ordered
+    ) -> None:  # fmt: skip
+        """Subscribe, with `elements` to ``bpmn_events`` too. `on_sample`, if given, gets every sample at once, and
+        nothing is kept for `take`; it may raise UnusableMessage. Without `ordered`, stamps need not grow. Raises
+        MessageError if a topic of the inputs or `outputs` has another type."""
+        self.configuration, self.scheduler, ports = configuration, scheduler, configuration.inputs
+        self._sample_handler, self._ordered = on_sample, ordered
+        self.report = ThrottledReport(lambda text: report(f"{configuration.name}: {text}"))
+        ends = [[(resolve(port.topic, namespace), port.type) for port in each] for each in (ports, outputs)]
+        check_types(middleware, *ends)
+        self.node, self.follower = middleware.node(name or configuration.name, namespace), ElementFollower()
         self.streams: list[_Stream] = []
-        for topic in dict.fromkeys(port.topic for port in ports):
-            stream = _Stream([port for port in ports if port.topic == topic])
-            type = stream.ports[0].type
-            handler = partial(self.on_message, stream)
-            stream.topic = node.subscription(topic, type, handler, stream.ports[0].qos).topic
-            reason = partial(_silence_reason, middleware, stream.topic, type)
-            stream.silence = SilenceWatch(scheduler, stream.topic, SILENCE, report.always, reason)
-            self.streams.append(stream)
+        self.handlers: dict[str, Callable[[Any], object]] = {}
+        try:
+            for topic in dict.fromkeys(port.topic for port in ports):
+                stream = _Stream([port for port in ports if port.topic == topic])
+                type = stream.ports[0].type
+                handler = partial(self.on_message, stream)
+                stream.topic = self.node.subscription(topic, type, handler, stream.ports[0].qos).topic
+                reason = partial(_silence_reason, middleware, stream.topic, type)
+                stream.silence = SilenceWatch(scheduler, stream.topic, SILENCE, self.report.always, reason)
+                self.streams.append(stream)
+                self.handlers[stream.topic] = handler
+            if elements:
+                watched = self.node.subscription(EVENTS_TOPIC, STRING, self.follower.on_message)
+                self.handlers[watched.topic] = self.follower.on_message
+        except BaseException:
+            InputNode.close(self)
+            raise
 
     def take(self) -> dict[str, Samples]:
         """Return the samples that arrived since the last call, by name of the input; arrays may have no rows."""
@@ -224,29 +249,28 @@ class Subscriptions:
             self._check_rate(stream)
 
     def close(self) -> None:
-        """Stop watching for silent topics. The subscriptions end with their node."""
+        """Close all endpoints."""
         for stream in self.streams:
             stream.silence.close()
+        self.node.close()
 
     def on_message(self, stream: _Stream, message: Any) -> None:
-        now, topic = self._scheduler.now / SECOND, stream.topic
+        now, topic = self.scheduler.now / SECOND, stream.topic
         stream.arrived = min(stream.arrived[0], now), now
         stream.silence.on_message()
         stamp = (stamp_of(message) if stream.stamped else 0.0) or now
         if self._ordered and not stamp > stream.last:
             same, older = stamp == stream.last, f"{stream.last - stamp:.3g} s older"
             what = "a second sample" if same else f"a sample {older}"
-            self._report(
-                f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {stream.last:.3f} s"
-            )
+            self.report(f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {stream.last:.3f} s")
             if not same or not self._is_repeated(stream, message):
                 stream.left_out += 1
                 stream.reason = f"its stamp is {'that' if same else f'{older} than that'} of another one"
             return
         try:
             values = self._read(stream, message)
-            if self._on_sample is not None:
-                self._on_sample(stream.ports, stamp, values, stream.names)
+            if self._sample_handler is not None:
+                self._sample_handler(stream.ports, stamp, values, stream.names)
         except UnusableMessage as reason:
             if not stream.count:
                 stream.forget()
@@ -254,7 +278,7 @@ class Subscriptions:
             stream.others += isinstance(reason, OtherDevice)
             stream.unwanted += isinstance(reason, fields.Unwanted)
             stream.reason = str(reason)
-            self._report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
+            self.report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
         stream.last, stream.latest = stamp, values
         stream.taken = min(stream.taken[0], now), now
@@ -264,14 +288,14 @@ class Subscriptions:
             stream.quickest = delay
         elif delay - stream.quickest > LATE:
             text = f"{topic}: late: a message took {delay - stream.quickest:.3g} s longer than others"
-            self._report(f"late {topic}", text)
-        if self._on_sample is not None:
+            self.report(f"late {topic}", text)
+        if self._sample_handler is not None:
             return
         stream.stamps.append(stamp)
         for kept, value in zip(stream.values, values, strict=True):
             kept.append(value)
         if len(stream.stamps) > _MAX_WAITING:
-            self._report(
+            self.report(
                 f"many {topic}", f"{topic}: {_MAX_WAITING} samples wait to be processed; the oldest are dropped"
             )
             for kept in (stream.stamps, *stream.values):
@@ -320,10 +344,10 @@ class Subscriptions:
         """Take the shape of the first value of an input, or a new one. Raises UnusableMessage."""
         before, name = stream.shapes[number], stream.ports[number].name
         if before is not None:
-            if stream.stamps or self._on_sample is not None:
+            if stream.stamps or self._sample_handler is not None:
                 text = f"{name} has {shape} values, before it had {before}"
                 raise unusable(text, names, stream.first_names[number] or ())
-            self._report(f"shape {name}", f"{name}: {shape} values from now on")
+            self.report(f"shape {name}", f"{name}: {shape} values from now on")
             stream.first_names[number] = stream.message_names[number] = None
         stream.shapes[number] = shape
 
@@ -337,9 +361,9 @@ class Subscriptions:
         if not isfinite(span):
             return  # the first second
         if abs(count / span - expected) > DEVIATION * expected:
-            self._report(f"rate {topic}", f"{topic}: {count / span:.3g} Hz arrive; Rate: {expected:g} is expected")
+            self.report(f"rate {topic}", f"{topic}: {count / span:.3g} Hz arrive; Rate: {expected:g} is expected")
         else:
-            self._report.over(f"rate {topic}", f"{topic}: {expected:g} Hz again")
+            self.report.over(f"rate {topic}", f"{topic}: {expected:g} Hz again")
 
 
 def check_types(middleware: Middleware, inputs: Sequence[tuple[str, str]], outputs: Sequence[tuple[str, str]]) -> None:
