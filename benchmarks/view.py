@@ -11,7 +11,6 @@ when the browser has laid out and painted a frame in which all parts of the page
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shutil
 import tempfile
@@ -81,7 +80,7 @@ def record(path: Path, robots: int, events: int) -> None:
         names = [f"Tractor_{number + 1}" for number in range(robots)]
         for name in names:
             start = {"instance": 1, "scope": 1, "marks": [[process.id, "start"]]}
-            file.put("/fame/events", 0, json.dumps({"robot": name, "events": [start]}))
+            file.put("/fame/events", 0, {"robot": name, "events": [start]})
         counts: list[Counter[str]] = [Counter() for _ in names]
         for visit in range(events // PER_VISIT):
             if visit % (robots * SECOND // STEP) == 0:
@@ -99,14 +98,14 @@ def record(path: Path, robots: int, events: int) -> None:
                 [flow, "take"],
             ]
             group = {"instance": 1, "scope": 1, "marks": marks}
-            file.put("/fame/events", at, json.dumps({"robot": names[robot], "events": [group]}))
+            file.put("/fame/events", at, {"robot": names[robot], "events": [group]})
             change = {"instance": 1, "scope": 1, "path": [], "set": {"x": visit % 97, "y": visit % 89 / 7}}
             if visit % 4 == 0:
-                file.put("/fame/variables", at, json.dumps({"robot": names[robot], "changes": [change]}))
+                file.put("/fame/variables", at, {"robot": names[robot], "changes": [change]})
         file.finish()
 
 
-def key_of(names: list[str], process: str, counts: list[Counter[str]]) -> str:
+def key_of(names: list[str], process: str, counts: list[Counter[str]]) -> dict[str, Any]:
     """The state of all robots, as recordings have it once a second."""
     instances = [{"instance": 1, "process": process, "status": "running"}]
     robots = {
@@ -119,7 +118,7 @@ def key_of(names: list[str], process: str, counts: list[Counter[str]]) -> str:
         }
         for name, own in zip(names, counts, strict=True)
     }
-    return json.dumps({"robots": robots})
+    return {"robots": robots}
 
 
 def main() -> None:
