@@ -31,6 +31,23 @@ fame.Scenario.load("examples/delivery.yaml").run()
 from fame.cli import main
 main(["check", "--explore", "models/convoy.bpmn"])
 """,
+    "tests of missions": """
+from fame.cli import main
+main(["test", "examples/tests/test_convoy.py"])
+""",
+    "page of a recording": """
+import tempfile
+from pathlib import Path
+from fame.cli import main
+from fame.view.replay import Replay
+with tempfile.TemporaryDirectory() as folder:
+    path = Path(folder) / "run.mcap"
+    main(["run", "examples/agriculture.yaml", "--quiet", "--log", str(path)])
+    begun = time.process_time()
+    replay = Replay(path)
+    replay.wait()
+    replay.close()
+""",
 }
 
 

@@ -2,10 +2,16 @@
 
 import gc
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
+from bpmn_text import process
+from recorded_runs import record
 
+import fame
+from fame.bpmn import read_text
+from fame.deploy import loading
 from fame.gc_tuning import MemoryGrowth, exempt, former_exempt, rarely_collected, readmit, uncollected
 
 
@@ -56,3 +62,68 @@ def test_garbage_is_collected_again_only_when_memory_has_grown(monkeypatch: pyte
     monkeypatch.setattr(sys, "getallocatedblocks", lambda: twice)
     growth.collect()
     assert len(collected) == 2
+
+
+MISSION = process('<startEvent id="s"/><endEvent id="e"/><sequenceFlow id="f" sourceRef="s" targetRef="e"/>')
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a model and a recording."""
+    made = tmp_path_factory.mktemp("gc")
+    (made / "a.bpmn").write_text(MISSION)
+    record(fame.Scenario.load("examples/delivery.yaml"), made / "run.mcap")
+    return made
+
+
+def a_run(folder: Path) -> None:
+    fame.Scenario.load(folder / "a.bpmn").run()
+
+
+def an_exploration(folder: Path) -> None:
+    fame.explore(read_text(MISSION))
+
+
+def a_mission_of_a_test(folder: Path) -> None:
+    from fame.testing.mission import collected_at_end
+
+    with collected_at_end():
+        pass
+
+
+def forked_processes(folder: Path) -> None:
+    from fame.scenario.forking import fork_each
+
+    fork_each([])
+
+
+def an_engine_that_starts(folder: Path) -> None:
+    loading._preload(iter(["a part"]))
+
+
+def a_page_of_a_recording(folder: Path) -> None:
+    from fame.view.replay import Replay
+
+    with Replay(folder / "run.mcap") as page:
+        page.wait()
+
+
+@pytest.mark.parametrize(
+    ("what", "change"),
+    [
+        (a_run, "set_threshold"),
+        (an_exploration, "set_threshold"),
+        (a_mission_of_a_test, "set_threshold"),
+        (forked_processes, "freeze"),
+        (an_engine_that_starts, "disable"),
+        (a_page_of_a_recording, "freeze"),
+    ],
+)
+def test_what_makes_much_that_lives_on_changes_the_collector(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, what: Callable[[Path], object], change: str
+) -> None:
+    """What each saves: `benchmarks/garbage.py`."""
+    changes = list[object]()
+    monkeypatch.setattr(gc, change, lambda *values: changes.append(values))
+    what(folder)
+    assert changes
