@@ -16,6 +16,7 @@ from view_page import opened, until
 from fame.bpmn.reader import read
 from fame.cli import main
 from fame.errors import ConfigError
+from fame.log import logging_to
 from fame.log.recording_file import RecordingFile
 from fame.scenario import Scenario
 from fame.view import Replay
@@ -199,7 +200,10 @@ def test_a_model_without_a_diagram_has_its_elements(chromium: Browser, tmp_path:
     model = tmp_path / "bare.bpmn"
     model.write_text(text[:start] + text[end:], encoding="utf-8")
     assert not read(model).shapes
-    with Replay(record(Scenario.load(model, duration=1), tmp_path / "run.mcap")) as replay:
+    scenario, path = Scenario.load(model, duration=1), tmp_path / "run.mcap"
+    with logging_to(path, [scenario.definitions]) as log:  # without the behaviours that it calls, which have a diagram
+        scenario.run(observer=log)
+    with Replay(path) as replay:
         replay.wait()
         with opened(chromium, replay) as page:
             assert "This model has no diagram" in page.locator("#diagram").inner_text()
