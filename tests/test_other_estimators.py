@@ -78,14 +78,14 @@ def test_a_model_of_an_estimator_is_stored_and_comes_back(tmp_path: Path, name: 
 @pytest.mark.parametrize(
     ("name", "parameters", "said"),
     [
-        ("sklearn.ensemble.IsolationForst", {}, "there is no class 'sklearn.ensemble.IsolationForst'"),
-        ("no_such_package.Detector", {}, "no_such_package.Detector: No module named 'no_such_package'"),
+        ("sklearn.ensemble.IsolationForst", {}, "sklearn.ensemble.IsolationForst is no class of an estimator"),
+        ("sklearn.ensembles.IsolationForest", {}, "No module named 'sklearn.ensembles'"),
+        ("os.system", {"command": "exit 1"}, "os.system is no class of scikit-learn, and models hold no others"),
         (FOREST, {"trees": 3}, f"{FOREST} does not take these Parameters: .*'trees'"),
         (FOREST, {"n_estimators": -3}, f"{FOREST} cannot learn: The 'n_estimators' parameter"),
         ("sklearn.neighbors.LocalOutlierFactor", {}, r"score_samples.*, got LocalOutlierFactor\(\)"),
         ("sklearn.linear_model.LinearRegression", {}, r"got LinearRegression\(\)"),
-        ("numpy.ndarray", {"shape": 2}, "expected an estimator of scikit-learn"),
-        ("test_other_estimators.Far", {}, "models hold data only, and test_other_estimators.Far could be code"),
+        ("test_other_estimators.Far", {}, "test_other_estimators.Far is no class of scikit-learn"),
         ("any of pca, sklearn.svm.OneClassSVM", {}, "expected one of autoencoder, pca"),
         ("pca", {"n_estimators": 3}, r"Training\.parameters: are those of a Detector that is a class"),
     ],
@@ -94,6 +94,14 @@ def test_what_cannot_be_a_detector_is_refused_in_one_line(name: str, parameters:
     with pytest.raises(ConfigError, match=said) as refused:
         fit([run(seed) for seed in range(3)], replace(CONFIG, detector=name, parameters=parameters))
     assert "\n" not in str(refused.value)
+
+
+def test_what_a_configuration_names_is_not_called_before_it_is_known_to_be_an_estimator(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr("sklearn.show_versions", lambda: pytest.fail("called"))
+    with pytest.raises(ConfigError, match="no class of an estimator"):
+        fit([run(seed) for seed in range(3)], replace(CONFIG, detector="sklearn.show_versions"))
 
 
 class Far(OutlierMixin, BaseEstimator):  # type: ignore[misc]

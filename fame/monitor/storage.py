@@ -61,11 +61,6 @@ def write_artefact(content: Any, path: str | Path) -> None:
     whole.replace(path)
 
 
-def not_data(content: Any) -> list[str]:
-    """List the classes of content that a model may not hold, since they could be code."""
-    return _unknown(io.BytesIO(_skops().dumps(content)))
-
-
 def _write_settled(data: io.BytesIO, path: Path) -> None:
     """Write what skops dumped, without what differs from time to time: addresses in memory, by which it names parts and
     files, become numbers in their order, and the files have no date."""

@@ -17,7 +17,6 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
-from fame.monitor.storage import not_data
 
 if TYPE_CHECKING:
     from fame.monitor.pipeline.train import Training
@@ -97,24 +96,27 @@ def unusualness(estimator: Any) -> Callable[[Floats], Floats]:
 
 
 def estimator_of(name: str, parameters: Mapping[str, Any]) -> Any:
-    """Make an estimator by the dotted name of its class. Raises ConfigError for an unknown one, for parameters that it
-    does not take, and for one that a model cannot hold."""
+    """Make an estimator of scikit-learn by the dotted name of its class: a model holds no other one, and no other
+    package is imported. Raises ConfigError for an unknown one, and for parameters that it does not take."""
     require("sklearn")
+    from sklearn.base import BaseEstimator
+
     module, _, cls = name.rpartition(".")
+    if module.partition(".")[0] != "sklearn":
+        raise _refused(
+            f"{name} is no class of scikit-learn, and models hold no others; fame.monitor.Detector compares them"
+        )
     try:
-        kind = getattr(import_module(module), cls)
+        kind = getattr(import_module(module), cls, None)
     except ImportError as error:
         raise _refused(f"{name}: {error}") from None
-    except (AttributeError, ValueError):
-        raise _refused(f"there is no class {name!r}") from None
+    if not (isinstance(kind, type) and issubclass(kind, BaseEstimator)):
+        raise _refused(f"{name} is no class of an estimator")
     try:
         estimator = kind(**parameters)
-    except Exception as error:  # of other packages: any
+    except Exception as error:  # of another package: any
         raise _refused(f"{name} does not take these Parameters: {error}") from None
     unusualness(estimator)
-    if unknown := not_data(estimator):
-        text = f"models hold data only, and {', '.join(unknown)} could be code"
-        raise _refused(f"{text}: only classes of scikit-learn are stored; fame.monitor.Detector compares others")
     return estimator
 
 
