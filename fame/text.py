@@ -81,7 +81,7 @@ _LISTED = 20
 
 
 def as_number(text: str) -> float:
-    """Return the number that a text is; NaN if it is none."""
+    """Return the number in a text; NaN if the text is not a number."""
     try:
         return float(text)
     except ValueError:

@@ -15,7 +15,7 @@ from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.errors import ConfigError
-from fame.log import COLUMNS, logging_to
+from fame.log import COLUMNS, logging_to, outcomes, visits
 from fame.log.elements import element_info
 from fame.log.reading import run_outcomes
 from fame.robot import Event
@@ -237,6 +237,17 @@ def test_of_equal_ids_in_several_files_the_first_counts() -> None:
 
 
 # ---- reading ---------------------------------------------------------------------------------------------------------
+
+
+def test_names_of_before_warn_and_work(tmp_path: Path) -> None:
+    logged(tmp_path / "run.jsonl")
+    with pytest.warns(DeprecationWarning, match="rows_of"):
+        came = visits(tmp_path / "run.jsonl")
+    assert came["look"] == came["f1"] == 1
+    definitions = read_text(SMALL, file="patrol.bpmn")
+    with pytest.warns(DeprecationWarning, match="run_outcomes"):
+        found = outcomes(tmp_path / "run.jsonl", definitions)
+    assert found == run_outcomes(tmp_path / "run.jsonl", definitions).tallies
 
 
 @pytest.mark.parametrize("ending", ["jsonl", "csv", "mcap"])

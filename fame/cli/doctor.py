@@ -100,7 +100,7 @@ def run(arguments: Namespace) -> int:
 
 
 def examine(arguments: Namespace) -> Iterator[Finding]:
-    """Yield what there is to say of this machine, then of the team."""
+    """Yield the findings about this machine, then about the team."""
     yield from packages(arguments.middleware)
     yield clock()
     of_network = list(network(arguments))
@@ -275,7 +275,7 @@ class _Team:
         self._answers: dict[str, ClockAnswer] = {}
 
     def findings(self) -> Iterator[Finding]:
-        """Yield what there is to say of each robot, after a while."""
+        """Yield the findings about each robot, after a while."""
         from fame.deploy import engines
         from fame.scenario.process import Router
 

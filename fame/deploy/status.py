@@ -147,7 +147,7 @@ class Namesakes:
         return f"{age} engine has the name {self._robot!r}; this one continues, because it {why}"
 
     def texts(self, now: int) -> list[str]:
-        """Return what there is to say of those that are there `now` (ns), each once."""
+        """Return one text for each engine of this name that is there `now` (ns), without repetition."""
         return list(dict.fromkeys(each.text for each in self._heard.values() if each.counts and _is_there(each, now)))
 
     def is_contested(self, now: int) -> bool:

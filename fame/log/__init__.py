@@ -34,6 +34,7 @@ from fame.imports import attach
 if TYPE_CHECKING:
     from fame.log.lines import COLUMNS as COLUMNS
     from fame.log.live_team import LiveTeam as LiveTeam
+    from fame.log.reading import outcomes as outcomes, visits as visits
     from fame.log.recorder import About as About
     from fame.log.recording import Recording as Recording
     from fame.log.team_state import TeamState as TeamState

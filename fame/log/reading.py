@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -50,6 +51,24 @@ class RunOutcomes:
             shown = display_name(element, info.name if info is not None else "")
             lines.append(f"{robot} failed at {second:.1f} s: {shown}" + (f": {code}" if code else ""))
         return [*lines, *(text for _, _, _, text in self.violations)]
+
+
+def visits(path: str | Path) -> Counter[str]:
+    """Return how often a token reached each element and each flow. Deprecated: count the marks of `rows_of`.
+
+    Raises ConfigError if the file is no .jsonl or .csv log, and no recording.
+    """
+    warnings.warn("count the rows of fame.log.reading.rows_of", DeprecationWarning, stacklevel=2)
+    with rows_of(path) as rows:
+        return Counter(row["element"] for row in rows if row["what"] in ("enter", "take"))
+
+
+def outcomes(
+    path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()
+) -> dict[str, Counter[ElementOutcome]]:
+    """Return the outcomes of each element. Deprecated: they are the `tallies` of `run_outcomes`."""
+    warnings.warn("use fame.log.reading.run_outcomes(...).tallies", DeprecationWarning, stacklevel=2)
+    return run_outcomes(path, definitions, robots=robots).tallies
 
 
 def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()) -> RunOutcomes:
