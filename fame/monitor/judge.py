@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.recording import Recording
     from fame.monitor.data_files import LabelledRun
     from fame.monitor.pipeline.band import Band, Explanation
+    from fame.monitor.pipeline.input_node import LeftOut
     from fame.monitor.pipeline.processor import Samples
-    from fame.monitor.pipeline.subscriptions import LeftOut
     from fame.monitor.pipeline.trained_model import TrainedModel
 
 RESAMPLINGS = 500

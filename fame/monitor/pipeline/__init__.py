@@ -21,7 +21,7 @@ Nodes::
 
     configuration  the file of a node
     fields         paths into messages: numbers read, and messages made of numbers
-    subscriptions  InputNode: what all nodes have: subscriptions, samples, silent topics
+    input_node     what all nodes have: subscriptions, samples, silent topics
     node           the processing node and its publications
     parameters     parameters of nodes, as those of ROS 2
     recording      the recording node; `sinks`: CSV files, bags, InfluxDB

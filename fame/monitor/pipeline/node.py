@@ -22,10 +22,10 @@ from fame.middleware.interface import Middleware, Node, Publisher
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.fields import Writer, writer
+from fame.monitor.pipeline.input_node import InputNode, ThrottledReport
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import as_samples, assign, make_processors, pair
-from fame.monitor.pipeline.subscriptions import InputNode, ThrottledReport
 
 _LAST_SECOND = 2.0**31
 """Seconds of builtin_interfaces/msg/Time end here."""

@@ -24,8 +24,8 @@ from fame.middleware.parameters import (
     service_name,
     service_type,
 )
+from fame.monitor.pipeline.input_node import ThrottledReport
 from fame.monitor.pipeline.processor import Parameter, declared_parameters, set_value
-from fame.monitor.pipeline.subscriptions import ThrottledReport
 
 
 def owners(processors: Sequence[Any]) -> dict[str, tuple[Any, Parameter]]:

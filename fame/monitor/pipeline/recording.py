@@ -19,8 +19,8 @@ from fame.middleware.interface import Middleware, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.typesystem import STRING
 from fame.monitor.pipeline.configuration import Configuration, Port, load
+from fame.monitor.pipeline.input_node import InputNode, LeftOut
 from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row, RowsStored
-from fame.monitor.pipeline.subscriptions import InputNode, LeftOut
 from fame.robot.robot_state import EVENTS_TOPIC
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ from fame.middleware import codec
 from fame.monitor.data_files import ELEMENT, RUN, STAMP
 from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.elements import ElementFollower
-from fame.monitor.pipeline.subscriptions import ThrottledReport
+from fame.monitor.pipeline.input_node import ThrottledReport
 
 PATIENCE = 10.0
 """How long (s) a topic may be silent before the header is written without it."""
