@@ -39,5 +39,5 @@ if TYPE_CHECKING:
     from fame.scenario import Result as Result, Scenario as Scenario
     from fame.scenario.exploration import explore as explore
     from fame.simulation import Simulation as Simulation
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -64,5 +64,5 @@ if TYPE_CHECKING:
         Vehicle as Vehicle,
         VehicleParameters as VehicleParameters,
     )
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

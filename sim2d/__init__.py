@@ -25,5 +25,5 @@ if TYPE_CHECKING:
         period as period,
     )
     from sim2d.world import World as World
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -24,5 +24,5 @@ if TYPE_CHECKING:
     from fame.bpmn.reader import read as read, read_bytes as read_bytes, read_text as read_text, write as write
     from fame.bpmn.split import extract_process as extract_process
     from fame.bpmn.topics import topic_table as topic_table
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

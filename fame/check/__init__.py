@@ -36,5 +36,5 @@ if TYPE_CHECKING:
     from fame.check.checker import check as check, parts_of_one_mission as parts_of_one_mission
     from fame.check.explain import ReadingDetail as ReadingDetail, readings as readings
     from fame.check.scope import Finding as Finding, Level as Level, summary as summary
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -50,5 +50,5 @@ if TYPE_CHECKING:
     from fame.deploy.sender import Deployment as Deployment
     from fame.deploy.sender_protocol import RobotProgress as RobotProgress
     from fame.deploy.splitter_node import SplitterNode as SplitterNode
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

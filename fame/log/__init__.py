@@ -40,5 +40,5 @@ if TYPE_CHECKING:
     from fame.log.team_state import TeamState as TeamState
     from fame.log.writing import logging_to as logging_to
     from fame.robot.robot_state import RobotState as RobotState
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

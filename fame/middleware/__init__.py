@@ -39,5 +39,5 @@ if TYPE_CHECKING:
     from fame.middleware.messages import register_files as register_files
     from fame.middleware.network import Link as Link, NetworkConfig as NetworkConfig, Partition as Partition
     from fame.middleware.zenoh import ZenohMiddleware as ZenohMiddleware
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -29,5 +29,5 @@ if TYPE_CHECKING:
     from fame.monitor.pipeline.processors import run as run
     from fame.monitor.pipeline.threshold import Threshold as Threshold
     from fame.monitor.plots import plot_loss as plot_loss
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -32,5 +32,5 @@ if TYPE_CHECKING:
     from fame.properties.monitor import Monitor as Monitor, Verdict as Verdict, compile as compile
     from fame.properties.sentence import Location as Location, Property as Property
     from fame.properties.vocabulary import Vocabulary as Vocabulary, vocabulary_of as vocabulary_of
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -35,5 +35,5 @@ if TYPE_CHECKING:
     from fame.robot.mission import Mission as Mission, ServiceFunction as ServiceFunction, make_mission as make_mission
     from fame.robot.node import PendingStarts as PendingStarts, RobotNode as RobotNode
     from fame.robot.waiting_tokens import WaitingToken as WaitingToken
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

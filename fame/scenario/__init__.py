@@ -49,5 +49,5 @@ if TYPE_CHECKING:
     )
     from fame.scenario.scenario import Scenario as Scenario
     from fame.scenario.world_process import WorldNode as WorldNode
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -42,5 +42,5 @@ if TYPE_CHECKING:
         Until as Until,
     )
     from fame.scripting.runner import GRACE as GRACE, Runner as Runner
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -37,5 +37,5 @@ if TYPE_CHECKING:
     from fame.testing.failure import ExpectationError as ExpectationError
     from fame.testing.fakes import FakeAction as FakeAction, FakeService as FakeService, FakeTopic as FakeTopic
     from fame.testing.mission import MissionLoader as MissionLoader, MissionUnderTest as MissionUnderTest
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

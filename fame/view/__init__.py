@@ -31,5 +31,5 @@ if TYPE_CHECKING:
     from fame.view.server import PageSource as PageSource, Server as Server
     from fame.view.team import TeamView as TeamView
     from fame.view.watch import ModelWatch as ModelWatch
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -54,5 +54,5 @@ if TYPE_CHECKING:
         explore_team as explore_team,
     )
     from fame.check.explore.findings import Finding as Finding
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

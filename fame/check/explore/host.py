@@ -95,6 +95,7 @@ class ExplorationHost:
     robots: tuple[str, ...]
     ordered: bool
     observed: Set[tuple[str, str]]
+    fields: frozenset[str]
     place: str
     engine: Engine
 
@@ -127,7 +128,7 @@ class ExplorationHost:
         """The computed codes of throwing events, see `Abstraction`."""
         self.opaque: set[str] = set()
         """Scripts that may raise, and are not executed."""
-        self.traceable = True
+        self.traceable: bool = True
         """Whether `Watched` variables note all that texts read and write."""
         self.given: Mapping[str, Set[str]] = model.given
         """What a person sets who completes a task, see `Abstraction`."""

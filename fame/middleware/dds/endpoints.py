@@ -139,7 +139,8 @@ class DdsSubscription(WireSubscription):
                 break
         else:
             self._soon(self._on_data)  # let others have their turn
-        self.uncounted |= self.counts_losses and unnumbered > self.qos.depth and self.qos.history == "keep_last"
+        if self.counts_losses and unnumbered > self.qos.depth and self.qos.history == "keep_last":
+            self.uncounted = True
         self.schedule()
 
     def _accepted(self, samples: Iterable[Any]) -> Iterator[tuple[bytes, Any]]:
@@ -159,7 +160,8 @@ class DdsSubscription(WireSubscription):
         if last is not None:
             number = wire.missing(last, time)
             self.count_lost(number)
-            self.uncounted |= number > 0 and time - last > _LONGEST
+            if number > 0 and time - last > _LONGEST:
+                self.uncounted = True
             self._last[sender] = time
         elif sender not in self._last:
             self._last[sender] = time if "numbered" in self._user_data(sender) else None

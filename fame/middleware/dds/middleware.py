@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 from collections.abc import Callable, Set
 from functools import partial
+from typing import ClassVar
 
 from fame.clock import SECOND, WallScheduler
 from fame.middleware.dds import wire
@@ -106,7 +107,7 @@ class DdsNode(WireNode):
     publishers: list[DdsPublisher]
     subscriptions: list[DdsSubscription]
     services: list[DdsService | DdsClient]
-    endpoint_classes = EndpointClasses(DdsPublisher, DdsSubscription, DdsService, DdsClient)
+    endpoint_classes: ClassVar[EndpointClasses] = EndpointClasses(DdsPublisher, DdsSubscription, DdsService, DdsClient)
 
     def __init__(self, middleware: DdsMiddleware, name: str, namespace: str, part: str) -> None:
         self.participant: Participant = middleware.participant

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable
 from functools import partial
+from typing import ClassVar
 
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
@@ -193,7 +194,7 @@ class RosNode(WireNode):
     publishers: list[RosPublisher]
     subscriptions: list[RosSubscription]
     services: list[RosService | RosClient]
-    endpoint_classes = EndpointClasses(RosPublisher, RosSubscription, RosService, RosClient)
+    endpoint_classes: ClassVar[EndpointClasses] = EndpointClasses(RosPublisher, RosSubscription, RosService, RosClient)
 
     def __init__(self, middleware: RosMiddleware, name: str, namespace: str, part: str) -> None:
         self.requested: tuple[str, str] = name, namespace

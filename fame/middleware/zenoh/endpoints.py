@@ -303,7 +303,7 @@ class ZenohService(WireService):
 
     def __init__(self, node: ZenohNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type, handler)
-        self.type = self.request_type.removesuffix("_Request")
+        self.type: str = self.request_type.removesuffix("_Request")
         self._declared = declared = _Declared(node, tokens.SERVICE, name, self.type, _SERVICE_QOS)
         on_query = zenoh.handlers.Callback(self._on_query, indirect=False)
         declared.announce(declared.session.declare_queryable(declared.key, on_query, complete=True))
@@ -342,7 +342,7 @@ class ZenohClient(WireClient):
 
     def __init__(self, node: ZenohNode, name: str, type: str) -> None:
         super().__init__(node, name, type)
-        self.type = self.request_type.removesuffix("_Request")
+        self.type: str = self.request_type.removesuffix("_Request")
         self._declared = _Declared(node, tokens.CLIENT, name, self.type, _SERVICE_QOS)
         self._declared.announce(None)
         self._numbers = count(1)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from itertools import count, islice
-from typing import Any
+from typing import Any, ClassVar
 
 import zenoh
 
@@ -336,7 +336,9 @@ class ZenohNode(WireNode):
     subscriptions: list[ZenohSubscription]
     services: list[ZenohService | ZenohClient]
     entity: Entity
-    endpoint_classes = EndpointClasses(ZenohPublisher, ZenohSubscription, ZenohService, ZenohClient)
+    endpoint_classes: ClassVar[EndpointClasses] = EndpointClasses(
+        ZenohPublisher, ZenohSubscription, ZenohService, ZenohClient
+    )
 
     def __init__(self, middleware: ZenohMiddleware, name: str, namespace: str, part: str) -> None:
         super().__init__(middleware, name, namespace, part)

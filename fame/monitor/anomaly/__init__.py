@@ -35,5 +35,5 @@ if TYPE_CHECKING:
     )
     from fame.monitor.anomaly.paths import PathDetector as PathDetector
     from fame.monitor.anomaly.recording import Recording as Recording, read_csv as read_csv, write_csv as write_csv
-
-__getattr__, __dir__, __all__ = attach(__name__)
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)
