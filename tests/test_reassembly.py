@@ -101,6 +101,7 @@ def lines(result: Result) -> list[str]:
 def test_undisturbed_the_lid_comes_back_to_the_motor():
     result = mission()
     assert (result.status, lines(result)) == ("completed", [])
+    assert [each.verdict for each in result.judgements] == ["holds"] * 3
     assert result.world is not None
     arm = result.world["robots"]["Arm"]
     assert (arm["lid"], arm["gripper"]) == ("motor", "open")

@@ -48,6 +48,7 @@ def played() -> tuple[Result, list[Event], list[Progress]]:
 def test_the_mission_is_completed_by_both_robots(played):
     result, _, _ = played
     assert (result.status, result.exit_code, result.messages) == ("completed", 0, [])
+    assert [each.verdict for each in result.judgements] == ["holds"] * 3
     assert [(robot.name, robot.instances, robot.completed) for robot in result.robots] == [
         ("REX", 1, 1),
         ("DINGO", 1, 1),

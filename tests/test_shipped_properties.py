@@ -33,7 +33,12 @@ def test_each_example_has_three_properties() -> None:
     assert {name: len(read_scenario(mission(name)).properties) for name in SCENARIOS} == dict.fromkeys(SCENARIOS, 3)
 
 
-@pytest.mark.parametrize("name", [name for name in MISSIONS if name != "sabotage"])  # tests/test_sabotage.py runs it
+RUN_ELSEWHERE = {"agriculture", "agriculture_resilient", "convoy", "delivery", "ground_vehicles", "reassembly",
+                 "sabotage", "shuttle", "warehouse"}  # fmt: skip
+"""Missions that tests of their own run and judge: test_scenario, test_small_missions, others by their name."""
+
+
+@pytest.mark.parametrize("name", [name for name in MISSIONS if name not in RUN_ELSEWHERE])
 def test_they_hold(name: str) -> None:
     assert [each.verdict for each in Scenario.load(mission(name)).run().judgements] == ["holds"] * COOKBOOK.get(name, 3)
 
@@ -48,25 +53,25 @@ MUTATIONS: Mapping[str, tuple[float, Mapping[str, str]]] = {
     "agriculture apart": (60, ANYBODY_GOES),
     "agriculture_resilient assigned": (30, ANYBODY_GOES),
     "agriculture_resilient explored_first": (30, {"Flow_TakeOff_Explore": "Gateway_SeeToTheRest"}),
-    "agriculture_resilient apart": (200, ANYBODY_GOES),
+    "agriculture_resilient apart": (45, ANYBODY_GOES),
     "convoy lined_up": (60, {"Flow_TakeLane_ToLine": "Activity_Go"}),
     "convoy patience": (60, {"Flow_SetOff_Go": "Event_There"}),
     "convoy apart": (10, {'float(me.rpartition("_")[2])': "3.0"}),
-    "courier loaded": (60, SKIPS_LOADING),
+    "courier loaded": (5, SKIPS_LOADING),
     "courier unloaded": (90, HOME_AGAIN),
     "courier once": (40, HOME_AGAIN),
-    "delivery loaded": (60, SKIPS_LOADING),
+    "delivery loaded": (5, SKIPS_LOADING),
     "delivery unloaded": (90, HOME_AGAIN),
     "delivery once": (40, HOME_AGAIN),
     "ground_vehicles found_first": (
-        60,
+        5,
         {
             "Flow_TargetFound_GoTo": "Activity_Fire",
             '<bpmn:signalEventDefinition id="SignalEventDefinition_TargetFound" signalRef="Signal_target_found" />': "",
         },
     ),
     "ground_vehicles answer": (300, {"Flow_TargetFound_GoTo": "Activity_Fire"}),
-    "ground_vehicles apart": (300, {"Flow_MapThrown_GoBack": "Event_Explore_TargetFound"}),  # REX stays at the target
+    "ground_vehicles apart": (90, {"Flow_MapThrown_GoBack": "Event_Explore_TargetFound"}),  # REX stays at the target
     "reassembly planned": (1, {"Flow_Re_Begin_Plan": "Gateway_Re_Next"}),
     "reassembly over": (30, {"Flow_Re_MonitorOver_MonitorShut": "Activity_Re_Watch"}),
     "reassembly finish": (30, {"{x: 0.5, y: 0.0, z: 0.18}": "{x: 5.0, y: 0.0, z: 0.18}"}),  # out of reach
@@ -82,7 +87,7 @@ MUTATIONS: Mapping[str, tuple[float, Mapping[str, str]]] = {
     "warehouse awarded": (1, {"Flow_ThrowBid_Award": "Event_ThrowAccepted"}),
     "warehouse unloaded": (300, {"Flow_ToStation_Unload": "Event_Delivered"}),
     "warehouse charge": (80, {"percentage &lt; 0.3": "percentage &lt; 0.03"}),
-    "battery never_empty": (300, {"charge &lt; 0.2": "charge &lt; 0.02"}),
+    "battery never_empty": (30, {"charge &lt; 0.2": "charge &lt; 0.02"}),
     "compensation part_first": (30, {'attachedToRef="Activity_Load"': 'attachedToRef="Activity_Transport"'}),
     "exclusive_zone alone_1": (30, TWO_IN_THE_ZONE),
     "exclusive_zone alone_2": (30, {**TWO_IN_THE_ZONE, "sleep(2)": "sleep(3 if robot.name == 'Car_1' else 2)"}),

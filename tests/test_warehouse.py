@@ -120,6 +120,7 @@ def run() -> tuple[Result, list[Event]]:
 def test_the_warehouse_completes_with_every_parcel_at_a_station(run: tuple[Result, list[Event]]) -> None:
     result, _ = run
     assert (result.status, result.messages) == ("completed", ["parcel parcel_2 is at packing_3, not at packing_2"])
+    assert [each.verdict for each in result.judgements] == ["holds"] * 3
     assert result.world is not None
     parcels = result.world["parcels"]
     assert {name: parcel["station"] for name, parcel in parcels.items() if parcel["station"] != parcel["to"]} == {
