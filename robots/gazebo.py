@@ -46,9 +46,5 @@ class Supplement:
         else:
             self.planner = DirectPlanner(node)
 
-    def stop(self) -> bool:
-        """End at once: nothing has to be finished."""
-        return False
-
     def close(self) -> None:
         self.node.close()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -74,19 +74,6 @@ def assignment(text: str) -> tuple[str, Any]:
         raise ArgumentTypeError(f"{value!r}: {error.text}") from None
 
 
-class Nodes:
-    def __init__(self, nodes: list[Any]) -> None:
-        self.nodes = nodes
-
-    def stop(self) -> bool:
-        """Stop at once: no more time is needed."""
-        return False
-
-    def close(self) -> None:
-        for node in self.nodes:
-            node.close()
-
-
 def listen(arguments: Namespace, make: Callable[[Middleware, Scheduler], Listening]) -> Listening:
     """Make a node and let it work until it is interrupted or its scheduler is stopped. Returns it, closed."""
     from fame.clock import SECOND
@@ -120,18 +107,18 @@ def run_process(arguments: Namespace) -> int:
     for chain, configuration in zip(chains, configurations, strict=True):
         assign(chain, configuration)
 
-    def make(middleware: Middleware, scheduler: Scheduler) -> Nodes:
-        nodes = []
+    def make(middleware: Middleware, scheduler: Scheduler) -> ExitStack:
+        nodes = ExitStack()
         for chain, configuration in zip(chains, configurations, strict=True):
             node = ProcessingNode(
                 middleware, scheduler, configuration, processors=chain, namespace=arguments.namespace, report=note
             )
-            nodes.append(node)
+            nodes.callback(node.close)
             for name, value in arguments.values:
                 node.set(name, value)
             note(f"{configuration.name}: {' -> '.join(type(each).__name__ for each in chain)} "
                  f"at {configuration.frequency:g} Hz")  # fmt: skip
-        return Nodes(nodes)
+        return nodes
 
     listen(arguments, make)
     return 0

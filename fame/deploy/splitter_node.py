@@ -255,10 +255,6 @@ class SplitterNode:
         status = status.signed(self._options.key, self._options.wall_time())
         self._status.publish(messages.create(STRING, status.to_json()))
 
-    def stop(self) -> bool:
-        """Return whether it needs time to end: never, since the robots go on without it."""
-        return False
-
     def close(self) -> None:
         """Close all endpoints; the robots go on without it."""
         self._pulse.cancel()

@@ -241,10 +241,6 @@ class TeamRecorder(Closing):
         if self._file is not None:
             self._file.flush()
 
-    def stop(self) -> bool:
-        """Stop at once."""
-        return False
-
     def close(self) -> None:
         """Write everything that waits, and the index, and close all endpoints."""
         self._discovery.cancel()

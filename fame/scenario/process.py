@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from fame.clock import SECOND, WallScheduler
 from fame.config.loader import find_object, registered
@@ -108,11 +108,16 @@ class Router(str):
 class Component(Protocol):
     """The component that a process runs: an engine, a world, a splitter ..."""
 
-    def stop(self) -> bool:
-        """Begin to stop; return whether more time is needed and `stop` should be called again."""
-
     def close(self) -> None:
         """Close all endpoints at once."""
+
+
+@runtime_checkable
+class _Leaving(Protocol):
+    """A component that takes time to end, as an engine whose scripts still leave."""
+
+    def stop(self) -> bool:
+        """Begin to stop; return whether more time is needed and `stop` should be called again."""
 
 
 def scheduler_for(backend: str) -> WallScheduler:
@@ -225,7 +230,7 @@ def _end(component: Component, scheduler: WallScheduler) -> None:
     """Stop and close a component: it is closed, and its last messages go out, whatever fails before."""
     until = scheduler.now + _ENDING * SECOND
     try:
-        while component.stop() and scheduler.now < until:
+        while isinstance(component, _Leaving) and component.stop() and scheduler.now < until:
             scheduler.run(scheduler.now + SECOND // 50)
     finally:
         try:

@@ -116,10 +116,6 @@ class WorldNode:
 
         SceneRecorder(self._world, put, wanted=lambda: scene.subscriber_count() > 0)
 
-    def stop(self) -> bool:
-        """Stop at once: no more time is needed."""
-        return False
-
     def close(self) -> None:
         """Close all endpoints and the world."""
         self.pause()

@@ -84,10 +84,6 @@ class TeamView(PageSink, Closing):
         )
         self._node = middleware.node("fame_view")
 
-    def stop(self) -> bool:
-        """Stop at once."""
-        return False
-
     def allow_change(self, path: Path | None = None, library: Sequence[Path] = ()) -> None:
         """Let the page deploy models, and migrate what runs: one that is dropped on it, or the file at `path`."""
         self.change = ModelChange(self._deploy, self._running, path=path, library=library)

@@ -132,10 +132,6 @@ class RecordingNode(InputNode):
             self._flush()
         self.scheduler.run(until)
 
-    def stop(self) -> bool:
-        """Return False: nothing has to be waited for."""
-        return False
-
     def close(self) -> None:
         """Write what is left and close all endpoints."""
         self._stop_flushing()
