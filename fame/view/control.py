@@ -19,7 +19,7 @@ from fame.clock import SECOND
 from fame.errors import FameError, MessageError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Publisher, resolve
-from fame.robot import Event, RobotNode
+from fame.robot import RobotNode
 from fame.scenario import Fault
 from fame.scenario.run import Run
 from fame.text import read_json
@@ -158,7 +158,7 @@ class RunControl:
             waiting, self._commands = self._commands, []
         for command, future in waiting:
             try:
-                answer = _DO[command["do"]](self, run, command)
+                answer = _carried_out(self, run, command)
             except FameError as error:
                 _fail(future, error)
             except Exception:  # whatever is wrong with a command, the run goes on
@@ -196,27 +196,6 @@ class RunControl:
             self.breakpoints.discard(number)
         return ""
 
-    def _do_complete(self, run: Run, command: _Command) -> str:
-        node, values, element = _node(run, command["robot"]), _values(command), str(command["element"])
-        node.complete(element, values)
-        _report(run, node, f"completed by {_who(command)}: {element}")
-        return f"{element} is completed."
-
-    def _do_retry(self, run: Run, command: _Command) -> str:
-        node, values, element = _node(run, command["robot"]), _values(command), str(command["element"])
-        node.retry(element, values, who=_who(command))
-        return f"{element} is tried again."
-
-    def _do_skip(self, run: Run, command: _Command) -> str:
-        element = str(command["element"])
-        _node(run, command["robot"]).skip(element, who=_who(command))
-        return f"{element} is skipped."
-
-    def _do_move(self, run: Run, command: _Command) -> str:
-        element, to = str(command["element"]), str(command["to"])
-        _node(run, command["robot"]).move(element, to, who=_who(command))
-        return f"The token goes on at {to}."
-
     def _do_take_over(self, run: Run, command: _Command) -> str:
         node = _node(run, command["robot"])
         begins = not node.suspension.holder
@@ -232,28 +211,6 @@ class RunControl:
             topic = resolve(MANUAL, node.namespace)
             self._hands[node.name] = run.middleware.node("outside").publisher(topic, TWIST)
         self._hands[node.name].publish(twist_of(command))
-        return ""
-
-    def _do_suspend(self, run: Run, command: _Command) -> str:
-        _node(run, command["robot"]).suspension.suspend(_who(command))
-        return f"The mission of {command['robot']} is suspended."
-
-    def _do_continue(self, run: Run, command: _Command) -> str:
-        _node(run, command["robot"]).suspension.go_on(_who(command), str(command.get("lease", "")))
-        return f"The mission of {command['robot']} continues."
-
-    def _do_restart(self, run: Run, command: _Command) -> str:
-        element = str(command["element"])
-        _node(run, command["robot"]).restart(element, who=_who(command))
-        return f"{element} begins again."
-
-    def _do_fail(self, run: Run, command: _Command) -> str:
-        element = str(command["element"])
-        _node(run, command["robot"]).fail(element, str(command.get("lease", "")), who=_who(command))
-        return f"{element} has failed."
-
-    def _do_note(self, run: Run, command: _Command) -> str:
-        _node(run, command["robot"]).note(str(command.get("element", "")), f"{command['text']} by {_who(command)}")
         return ""
 
     def _do_signal(self, run: Run, command: _Command) -> str:
@@ -273,11 +230,9 @@ class RunControl:
             raise FameError(f"expected the name of a variable, got {name!r}")
         if not node.engine.instances:
             raise MissionError(f"no instance of {node.name} is running", robot=node.name)
-        for instance in node.engine.instances.values():
-            instance.root.variables[name] = value
-        node.engine.stepped()
+        node.engine.set_variables({name: value})
         node.runner.poll()
-        _report(run, node, f"set by {_who(command)}: {name} = {json.dumps(value)}")
+        node.note("", f"set by {_who(command)}: {name} = {json.dumps(value)}")
         return f"{name} is set."
 
     def _do_fault(self, run: Run, command: _Command) -> str:
@@ -288,9 +243,39 @@ class RunControl:
         return f"{kind} of {robot} is broken."
 
 
-_DO: Mapping[str, Callable[[RunControl, Run, _Command], str]] = {
-    name: getattr(RunControl, f"_do_{name}") for name in COMMANDS
-}
+_Act = Callable[[RobotNode, _Command, str], object]
+"""What a person (the text) asks of a robot."""
+
+
+def _complete(node: RobotNode, command: _Command, who: str) -> None:
+    node.complete(str(command["element"]), _values(command))
+    node.note("", f"completed by {who}: {command['element']}")
+
+
+_ACTS: Mapping[str, tuple[_Act, str]] = {
+    "complete": (_complete, "{element} is completed."),
+    "retry": (lambda node, of, who: node.retry(str(of["element"]), _values(of), who=who), "{element} is tried again."),
+    "skip": (lambda node, of, who: node.skip(str(of["element"]), who=who), "{element} is skipped."),
+    "move": (lambda node, of, who: node.move(str(of["element"]), str(of["to"]), who=who), "The token goes on at {to}."),
+    "suspend": (lambda node, of, who: node.suspension.suspend(who), "The mission of {robot} is suspended."),
+    "continue": (
+        lambda node, of, who: node.suspension.go_on(who, str(of.get("lease", ""))), "The mission of {robot} continues."
+    ),
+    "restart": (lambda node, of, who: node.restart(str(of["element"]), who=who), "{element} begins again."),
+    "fail": (
+        lambda node, of, who: node.fail(str(of["element"]), str(of.get("lease", "")), who=who), "{element} has failed."
+    ),
+    "note": (lambda node, of, who: node.note(str(of.get("element", "")), f"{of['text']} by {who}"), ""),
+}  # fmt: skip
+"""What a command makes the node of a robot do, and what the page says of it afterwards."""
+
+
+def _carried_out(control: RunControl, run: Run, command: _Command) -> str:
+    if command["do"] not in _ACTS:
+        return str(getattr(control, f"_do_{command['do']}")(run, command))
+    act, said = _ACTS[command["do"]]
+    act(_node(run, command["robot"]), command, _who(command))
+    return said.format_map(command)
 
 
 def faults_of(run: Run) -> list[tuple[str, str]]:
@@ -315,14 +300,6 @@ def _node(run: Run, robot: str) -> RobotNode:
         known = ", ".join(node.name for node in run.nodes if node.name not in run.dead)
         raise FameError(f"unknown robot {robot!r}; robots are: {known}")
     return found
-
-
-def _report(run: Run, node: RobotNode, text: str) -> None:
-    """Record what a person did as a report of the run."""
-    event = Event(run.scheduler.now, node.name, 0, 0, "", "report", text)
-    run.reports.append(event)
-    if run.observer is not None:
-        run.observer(event)
 
 
 def _who(command: _Command) -> str:
