@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
@@ -95,11 +96,30 @@ def group(commands: Commands, name: str, *, help: str, examples: Sequence[str]) 
     )
 
 
-def natural(text: str) -> int:
-    """Return a whole number from 0 on."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a whole number from 0 on, got {text!r}")
-    return int(text)
+def number(expected: str, low: float, high: float) -> Callable[[str], float]:
+    """Return a reader of numbers between two bounds, which `expected` tells, with them."""
+
+    def read(text: str) -> float:
+        if not low <= (found := as_number(text)) <= high:
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        return found
+
+    return read
+
+
+def whole(expected: str, low: int, high: float = math.inf) -> Callable[[str], int]:
+    """Return a reader of whole numbers, as `number`."""
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        return int(text)
+
+    return read
+
+
+natural = whole("a whole number from 0 on", 0)
+positive = number("a number above 0", math.ulp(0.0), 1e15)
 
 
 def epoch(text: str) -> datetime:
@@ -110,13 +130,6 @@ def epoch(text: str) -> datetime:
         return parse_epoch(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{error}; expected a date, or now") from None
-
-
-def positive(text: str) -> float:
-    """Return a number above 0 and up to 1e15."""
-    if not 0 < (number := as_number(text)) <= 1e15:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
-    return number
 
 
 class BackendNames:

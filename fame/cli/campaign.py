@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shlex
 import sys
-from argparse import ArgumentTypeError, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
+from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive, whole
 from fame.cli.output import note, print_json, progress_line
 from fame.errors import ConfigError
 
@@ -21,6 +21,7 @@ _EXAMPLES = (
     "fame campaign examples/agriculture.yaml --runs 1000 --vary examples/campaign.yaml -o out/campaign",
     "fame campaign --resume out/campaign",
 )
+_count = whole("a whole number from 1 on", 1)
 
 
 def add(commands: Commands) -> None:
@@ -66,13 +67,6 @@ def add(commands: Commands) -> None:
 _FOLDER = Path("out/campaign")
 _OF_RESUMED = ("resume", "jobs", "width", "property", "parquet", "json", "no_project")
 """Options of a campaign that goes on; all others are kept with it."""
-
-
-def _count(text: str) -> int:
-    number = int(text) if text.isdecimal() else 0
-    if number < 1:
-        raise ArgumentTypeError(f"expected a whole number from 1 on, got {text!r}")
-    return number
 
 
 def run(arguments: Namespace) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from fame.cli.arguments import (
 )
 from fame.cli.network import add_network, connected, note_ready, person, wait_until
 from fame.cli.output import print_json, table
+from fame.closing import Closing
 from fame.errors import ConfigError, DeploymentError
 from fame.text import printable, suggestion
 
@@ -172,42 +172,35 @@ def silences(reports: Mapping[str, Report], engines: Iterable[str], listened: fl
 
 def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
     """Yield a line for a robot, and one more for each further token."""
-    head = (robot, report.state, report.hash[:12], str(report.instances))
+    first, *others = [*_lines(robot, report)] or [("", "", "", "")]
+    yield (robot, report.state, report.hash[:12], str(report.instances), *first)
+    yield from (("", "", "", "", *line) for line in others)
+    for text in report.warnings:
+        yield ("", "", "", "", "", "", f"warning: {text}", "")
+
+
+def _lines(robot: str, report: Report) -> Iterator[tuple[str, str, str, str]]:
+    """Place of a token, since when it is there, what it waits for or what is to be said, number of publishers."""
     for wait in report.waits:
         since = f"{max(0.0, report.now - wait.get('since', 0.0)):.0f} s" if report.instances else ""
         counts = ", ".join(str(count) for count in wait.get("topics", {}).values())
-        yield (
-            *head,
-            wait.get("place") or wait.get("element", ""),
-            since,
-            wait.get("suspended") or wait.get("for", ""),
-            counts,
-        )
-        head = ("", "", "", "")
+        yield wait.get("place") or wait.get("element", ""), since, wait.get("suspended") or wait.get("for", ""), counts
     if report.more_waits:
-        yield (*head, "", "", f"and {report.more_waits:,} more waiting tokens", "")
-        head = ("", "", "", "")
+        yield "", "", f"and {report.more_waits:,} more waiting tokens", ""
     if report.state == "holding":
         ends = f"a newer deployment or fame abort {robot} ends that"
-        yield (*head, "", "", f"its sender and the others for {report.candidate}; {ends}", "")
-        head = ("", "", "", "")
+        yield "", "", f"its sender and the others for {report.candidate}; {ends}", ""
     if person := report.suspended:
         steers = f", {person['holder']} steers it" if person.get("holder") else f"; fame continue {robot} ends that"
         since = f"{max(0.0, report.now - person.get('since', 0.0)):.0f} s"
-        yield (*head, "", since, f"suspended by {person.get('by', '')}{steers}", "")
-        head = ("", "", "", "")
+        yield "", since, f"suspended by {person.get('by', '')}{steers}", ""
     for incident in report.incidents:
         text = f"incident: {incident.get('text', '')}; fame retry {robot} {incident.get('element', '')}"
-        yield (*head, incident.get("element", ""), "", text, "")
-        head = ("", "", "", "")
+        yield incident.get("element", ""), "", text, ""
     if report.offers:
-        yield (*head, "", "", f"fame activate {robot}: {', '.join(report.offers)}", "")
-        head = ("", "", "", "")
-    error = report.failures or report.error
-    if error or head[0]:
-        yield (*head, "", "", error, "")
-    for text in report.warnings:
-        yield ("", "", "", "", "", "", f"warning: {text}", "")
+        yield "", "", f"fame activate {robot}: {', '.join(report.offers)}", ""
+    if error := report.failures or report.error:
+        yield "", "", error, ""
 
 
 def add_requests(commands: Commands) -> None:
@@ -317,7 +310,7 @@ def value(text: str) -> tuple[str, Any]:
 
 def request(arguments: Namespace) -> int:
     """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
-    with _robot_client(arguments) as robot:
+    with connected(arguments) as ends, RobotClient(arguments, *ends) as robot:
         return _tell(arguments, robot.answer(arguments.act))
 
 
@@ -329,7 +322,11 @@ def take_over(arguments: Namespace) -> int:
     from fame.scenario.process import signals_call
 
     ended, topic = list[bool](), f"/{arguments.robot}/cmd_vel_manual"
-    with _robot_client(arguments) as robot, signals_call(lambda *_: ended.append(True)):
+    with (
+        connected(arguments) as ends,
+        RobotClient(arguments, *ends) as robot,
+        signals_call(lambda *_: ended.append(True)),
+    ):
         late = True
         while late and not ended:  # a first answer may take longer than a lease lasts, until all ends are connected
             begun, lease = robot.scheduler.now, uuid.uuid4().hex
@@ -359,17 +356,7 @@ def _tell(arguments: Namespace, report: Report) -> int:
     return 0 if done else 1
 
 
-@contextmanager
-def _robot_client(arguments: Namespace) -> Iterator[RobotClient]:
-    with connected(arguments) as (scheduler, middleware):
-        client = RobotClient(arguments, scheduler, middleware)
-        try:
-            yield client
-        finally:
-            client.close()
-
-
-class RobotClient:
+class RobotClient(Closing):
     """Sends requests to the robot that a command names. Raises DeploymentError if no such engine is found."""
 
     scheduler: WallScheduler

@@ -27,7 +27,11 @@ def add_param(commands: Commands) -> None:
         help="list, show and change parameters of running nodes, as ros2 param does",
     )  # fmt: skip
     parts = parser.add_subparsers(metavar="list|get|set", required=True)
-    for name, help in (("list", "list the parameters of a node"), ("get", "print one"), ("set", "change one")):
+    for name, show, help in (
+        ("list", _list_parameters, "list the parameters of a node"),
+        ("get", _get_parameter, "print one"),
+        ("set", _set_parameter, "change one"),
+    ):
         part = parts.add_parser(name, help=help)
         part.add_argument("node", metavar="NODE", help="full name of the node, such as /low_pass")
         if name != "list":
@@ -36,7 +40,7 @@ def add_param(commands: Commands) -> None:
             part.add_argument("value", metavar="VALUE", help="a number, text, true, false, or a list [1, 2]")
         add_network(part)
         add_json(part)
-        part.set_defaults(part=name)
+        part.set_defaults(part=show)
 
 
 def run_param(arguments: Namespace) -> int:
@@ -47,7 +51,8 @@ def run_param(arguments: Namespace) -> int:
         node = middleware.node("_fame_param")
         name = arguments.node if arguments.node.startswith("/") else f"/{arguments.node}"
         client = ParameterClient(node, scheduler, name)
-        return _PARAM_PARTS[arguments.part](client, arguments)
+        code: int = arguments.part(client, arguments)
+        return code
 
 
 def _list_parameters(client: Any, arguments: Namespace) -> int:
@@ -83,9 +88,6 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-_PARAM_PARTS = {"list": _list_parameters, "get": _get_parameter, "set": _set_parameter}
 
 
 _TOPIC_EXAMPLES = (
@@ -127,14 +129,15 @@ def add_topic(commands: Commands) -> None:
         add_types(part)
         add_network(part)
     add_json(listing)
-    for name, part in (("list", listing), ("echo", echo), ("hz", hz), ("plot", plot)):
-        part.set_defaults(part=name)
+    for part, show in ((listing, _list_topics), (echo, _echo), (hz, _hz), (plot, _plot)):
+        part.set_defaults(part=show)
 
 
 def run_topic(arguments: Namespace) -> int:
     """Subscribe, and print the result."""
     with connected(arguments) as (scheduler, middleware):
-        return _TOPIC_PARTS[arguments.part](arguments, scheduler, middleware)
+        code: int = arguments.part(arguments, scheduler, middleware)
+        return code
 
 
 def _list_topics(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
@@ -253,6 +256,3 @@ def _run(arguments: Namespace, scheduler: Scheduler) -> None:
     if arguments.duration is not None:
         scheduler.after(round(arguments.duration * SECOND), scheduler.stop)
     scheduler.run()
-
-
-_TOPIC_PARTS = {"list": _list_topics, "echo": _echo, "hz": _hz, "plot": _plot}

@@ -6,9 +6,8 @@ import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import positive
+from fame.cli.arguments import number, positive
 from fame.errors import ConfigError
-from fame.text import as_number
 
 if TYPE_CHECKING:
     from fame.middleware.network import NetworkConfig
@@ -41,7 +40,10 @@ def add_variations(parser: ArgumentParser) -> None:
         "--network-delay", type=_seconds, metavar="S", help="delay of each message between robots (s); local only"
     )
     parser.add_argument(
-        "--loss", type=_probability, metavar="P", help="probability that a message between robots is lost; local only"
+        "--loss",
+        type=number("a probability from 0 to 0.99", 0, 0.99),
+        metavar="P",
+        help="probability that a message between robots is lost; local only",
     )
     parser.add_argument(
         "--partition", action="append", default=[], type=_partition, metavar="ROBOT,ROBOT@S-S",
@@ -100,13 +102,6 @@ def _change(text: str) -> tuple[str, Any]:
 
 def _seconds(text: str) -> float:
     return positive(text) if text.strip("0.") else 0.0
-
-
-def _probability(text: str) -> float:
-    """A probability below 1."""
-    if not 0 <= (number := as_number(text)) <= 0.99:
-        raise ArgumentTypeError(f"expected a probability from 0 to 0.99, got {text!r}")
-    return number
 
 
 def _partition(text: str) -> tuple[str, str, float, float]:

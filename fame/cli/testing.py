@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from argparse import Namespace
 from errno import ENOENT
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, add_library, command
+from fame.cli.arguments import Commands, add_library, command, number
 from fame.cli.output import note
 from fame.errors import ConfigError
-from fame.text import as_number, unreadable
+from fame.text import unreadable
 
 if TYPE_CHECKING:
     import pytest
@@ -38,7 +37,12 @@ def add(commands: Commands) -> None:
     parser.add_argument("-k", metavar="EXPRESSION", help="only tests whose names match, as in pytest")
     parser.add_argument("-x", action="store_true", help="stop at the first failure")
     parser.add_argument("--cov-model", action="store_true", help="show coverage of elements and flows per process")
-    parser.add_argument("--cov-fail-under", type=_percent, metavar="PERCENT", help="fail if the coverage is lower")
+    parser.add_argument(
+        "--cov-fail-under",
+        type=number("a number from 0 to 100", 0, 100),
+        metavar="PERCENT",
+        help="fail if the coverage is lower",
+    )
     parser.add_argument("--cov-html", type=Path, metavar="FILE", help="coverage as an HTML page with coloured diagrams")
     parser.add_argument(
         "--cov-json", type=Path, metavar="FILE", help="coverage as JSON, with the tests of each element"
@@ -49,12 +53,6 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--junitxml", type=Path, metavar="FILE", help="results of the tests as JUnit XML")
     add_library(parser)
-
-
-def _percent(text: str) -> float:
-    if not 0 <= (number := as_number(text)) <= 100:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 100, got {text!r}")
-    return number
 
 
 _IMPORTED = "ignore:Module already imported so cannot be rewritten:pytest.PytestAssertRewriteWarning"

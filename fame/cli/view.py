@@ -14,7 +14,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_key, add_library, command, positive, private_key, register_types
+from fame.cli.arguments import (
+    Commands,
+    Parser,
+    add_key,
+    add_library,
+    command,
+    positive,
+    private_key,
+    register_types,
+    whole,
+)
 from fame.cli.judging import add_properties, live_judge
 from fame.cli.monitors import add_inputs, judged_on_page
 from fame.cli.network import add_network, person
@@ -87,7 +97,13 @@ def add(commands: Commands) -> None:
 
 def add_page(parser: Parser) -> None:
     """``--port``, ``--host``, ``--tls``, ``--no-open``, and who may use the page."""
-    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page (any free one)")
+    parser.add_argument(
+        "--port",
+        type=whole("a port from 0 to 65535", 0, 65535),
+        default=0,
+        metavar="N",
+        help="port of the page (any free one)",
+    )
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="address of the page (127.0.0.1: from this machine only)"
     )
@@ -113,12 +129,6 @@ def _person(text: str) -> tuple[str, str]:
     if not user or not role:
         raise ArgumentTypeError(f"expected USER:ROLE, as ann:nurse, got {text!r}")
     return user, role
-
-
-def _port(text: str) -> int:
-    if not text.isdecimal() or int(text) > 65535:
-        raise ArgumentTypeError(f"expected a port from 0 to 65535, got {text!r}")
-    return int(text)
 
 
 def run(arguments: Namespace) -> int:

@@ -84,36 +84,20 @@ _PATIENCE = 5.0
 
 
 def add_time(commands: Commands) -> None:
-    pausing = command(
-        commands, "pause", pause, examples=("fame pause",),
-        help="pause the time of a running world (/clock), and thereby its missions",
-    )  # fmt: skip
-    resuming = command(
-        commands, "resume", resume, examples=("fame resume",),
-        help="continue the time of a paused world",
-    )  # fmt: skip
-    add_network(pausing)
-    add_network(resuming)
+    for act, help in (
+        ("pause", "pause the time of a running world (/clock), and thereby its missions"),
+        ("resume", "continue the time of a paused world"),
+    ):
+        parser = command(commands, act, run_time, examples=(f"fame {act}",), help=help)
+        parser.set_defaults(act=act)
+        add_network(parser)
 
 
-def pause(arguments: Namespace) -> int:
-    """Stop the time."""
-    from fame.scenario.world_process import PAUSE
+def run_time(arguments: Namespace) -> int:
+    """Stop the time of the world, or continue it, and wait for its answer. Raises DeploymentError."""
+    from fame.scenario.world_process import EMPTY, PAUSE, RESUME
 
-    return _call(arguments, PAUSE)
-
-
-def resume(arguments: Namespace) -> int:
-    """Continue the time of the world."""
-    from fame.scenario.world_process import RESUME
-
-    return _call(arguments, RESUME)
-
-
-def _call(arguments: Namespace, service: str) -> int:
-    """Call a service of the world without arguments, and wait for its answer. Raises DeploymentError."""
-    from fame.scenario.world_process import EMPTY
-
+    service = PAUSE if arguments.act == "pause" else RESUME
     answers: list[object] = []
     with connected(arguments) as (scheduler, middleware):
         client = middleware.node("_fame_pause").client(service, EMPTY)
