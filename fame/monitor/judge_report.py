@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fame.clock import SECOND
-from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.judge import RESAMPLINGS, TELLING, Event, JudgedRun, JudgedRuns, shown
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
+from fame.text import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,11 +72,8 @@ def _write_page(title: str, parts: Sequence[str], path: str | Path) -> None:
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style><body>{''.join(parts)}</body></html>\n"
     )
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    with writing(path):
         Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
 
 
 def _promise(card: dict[str, Any]) -> str:

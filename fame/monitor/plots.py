@@ -11,7 +11,7 @@ of all joints on their first three principal components.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
@@ -20,7 +20,6 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from fame.errors import ConfigError
 from fame.imports import require
 from fame.middleware.interface import resolve
 from fame.monitor.anomaly.benign_changes import PointScores
@@ -30,6 +29,7 @@ from fame.monitor.anomaly.recording import ANOMALOUS, Recording
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.processor import Samples
+from fame.text import writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -197,16 +197,8 @@ def _figure(inches: tuple[float, float]) -> Figure:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    _write(path, lambda: figure.savefig(path, format="png"))
-
-
-def _write(path: Path, write: Callable[[], object]) -> None:
-    """Write a file, in a folder that is made. Raises ConfigError if it cannot be written."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write()
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+    with writing(path):
+        figure.savefig(path, format="png")
 
 
 _WIDTH, _HEIGHT, _ACROSS, _DOWN, _MARGIN = 190, 46, 70, 18, 20
@@ -240,7 +232,8 @@ def draw(configurations: Sequence[Configuration], file: str | Path) -> None:
     boxes, edges = _graph(configurations)
     _place(boxes, edges)
     path = Path(file)
-    _write(path, lambda: path.write_text(_svg(boxes, edges), encoding="utf-8"))
+    with writing(path):
+        path.write_text(_svg(boxes, edges), encoding="utf-8")
 
 
 def _graph(configurations: Sequence[Configuration]) -> tuple[dict[str, _Box], list[tuple[str, str]]]:

@@ -110,7 +110,7 @@ class MissionByHand(MissionUnderTest):
     def finish(self, *where: str, raises: str | None = None) -> MissionByHand:
         """End a waiting behaviour, service or script, or let it raise an error: ``finish("REX", "Go To")``."""
         __tracebackhide__ = True
-        robot, (element,) = self._split(where, 1)
+        robot, element = self._split(where)
         host = self._host(robot)
         found = host.under_way(self.elements.find(robot, element))
         if found:
@@ -120,7 +120,7 @@ class MissionByHand(MissionUnderTest):
     def block(self, *where: str) -> MissionByHand:
         """Let a waiting behaviour, service or script never end."""
         __tracebackhide__ = True
-        robot, (element,) = self._split(where, 1)
+        robot, element = self._split(where)
         host = self._host(robot)
         found = host.under_way(self.elements.find(robot, element))
         if found:
@@ -130,7 +130,7 @@ class MissionByHand(MissionUnderTest):
     def arrive(self, *where: str) -> MissionByHand:
         """Deliver the next message on a topic to a robot: ``arrive("DINGO", "/target_found")``."""
         __tracebackhide__ = True
-        robot, (topic,) = self._split(where, 1)
+        robot, topic = self._split(where)
         arrive = self.by_hand.mail.take(robot, _full(topic))
         if arrive is not None:
             arrive()
@@ -139,21 +139,21 @@ class MissionByHand(MissionUnderTest):
     def lose(self, *where: str) -> MissionByHand:
         """Lose the next message on a topic to a robot."""
         __tracebackhide__ = True
-        robot, (topic,) = self._split(where, 1)
+        robot, topic = self._split(where)
         lost = self.by_hand.mail.take(robot, _full(topic))
         return self._done(robot, f"a message on {_full(topic)} on its way to it", lost is not None)
 
     def fire(self, *where: str) -> MissionByHand:
         """Fire the timer of an event: ``fire("REX", "Timeout")``."""
         __tracebackhide__ = True
-        robot, (element,) = self._split(where, 1)
+        robot, element = self._split(where)
         fired = self._fire(robot, self.elements.find(robot, element))
         return self._done(robot, f"a timer at {element!r}", fired)
 
     def activate(self, *where: str) -> MissionByHand:
         """Start an element of an open ad-hoc sub-process."""
         __tracebackhide__ = True
-        robot, (element,) = self._split(where, 1)
+        robot, element = self._split(where)
         ids = self.elements.find(robot, element)
         offered = [id for id in self.node(robot).offers() if id in ids]
         if offered:
@@ -163,7 +163,7 @@ class MissionByHand(MissionUnderTest):
     def complete(self, *where: str, **values: Any) -> MissionByHand:
         """Complete a user, manual or receive task that waits, with results: ``complete("Sign", approved=True)``."""
         __tracebackhide__ = True
-        robot, (element,) = self._split(where, 1)
+        robot, element = self._split(where)
         ids = self.elements.find(robot, element)
         waits = [wait.element for wait in self.node(robot).waiting_tokens() if wait.element in ids]
         if waits:

@@ -262,7 +262,7 @@ class MissionUnderTest:
 
     def complete(self, *where: str, **values: Any) -> MissionUnderTest:
         """Complete a user, manual or receive task that waits, with results: ``complete("Sign", approved=True)``."""
-        robot, (element,) = self._split(where, 1)
+        robot, element = self._split(where)
         ids = self.elements.find(robot, element)
         return self._do(partial(self._complete, robot, ids, values))
 
@@ -298,7 +298,7 @@ class MissionUnderTest:
 
     def fault(self, *where: str) -> MissionUnderTest:
         """Inject a fault now: ``fault("REX", "engine")``, or a fault of the robot's type."""
-        robot, (kind,) = self._split(where, 1)
+        robot, kind = self._split(where)
         return self._do(lambda: self.run.inject(Fault(robot, self.now, kind)))
 
     # ---- what a test plays -----------------------------------------------------------------------------------------
@@ -479,11 +479,11 @@ class MissionUnderTest:
         topic = rest[0] if rest[0].startswith(("/", "~/")) else f"/{rest[0]}"
         return robot, topic, rest[1] if len(rest) == 2 else dict(fields) or None
 
-    def _split(self, where: Sequence[str], count: int) -> tuple[str, Sequence[str]]:
-        """A robot, if it is named, and the other arguments."""
-        if len(where) not in (count, count + 1):
-            raise ConfigError(f"expected {count} arguments, or a robot before them, got {', '.join(map(repr, where))}")
-        return self.robot(where[0] if len(where) > count else ""), where[-count:]
+    def _split(self, where: Sequence[str]) -> tuple[str, str]:
+        """The robot, which may be named before the other argument, and that."""
+        if len(where) not in (1, 2):
+            raise ConfigError(f"expected 1 arguments, or a robot before them, got {', '.join(map(repr, where))}")
+        return self.robot(where[0] if len(where) > 1 else ""), where[-1]
 
     def _publish(self, robot: str, topic: str, payload: Any) -> None:
         if robot or topic.startswith("~"):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,7 +21,23 @@ _BLOCK = 64  # samples that are filtered at a time
 _LONG = 100.0  # periods of the cutoff, after which nothing is left; sums of more would cost digits, or overflow
 
 
-class LowPass(Processor):
+class _PerInput(Processor):
+    """Computes something of the samples of each input, by what it keeps of that input."""
+
+    def __init__(self, **values: object) -> None:
+        super().__init__(**values)
+        self._kept: dict[str, Any] = {}
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        results = {name: self.apply(name, samples) for name, samples in inputs.items() if len(samples)}
+        return {name: result for name, result in results.items() if len(result)}
+
+    @abstractmethod
+    def apply(self, name: str, samples: Samples) -> Samples:
+        """Return the result of samples of an input; there is one at least."""
+
+
+class LowPass(_PerInput):
     """One pole: y += a (x - y), a = 1 - exp(-2 pi fc / fs). It starts at the first sample.
 
     With `rate` 0, fs is taken from the stamps, sample by sample, which is right at any rate and across gaps.
@@ -34,16 +50,9 @@ class LowPass(Processor):
     cutoff: float
     rate: float
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
-        self._last: dict[str, tuple[Floats, float]] = {}
-
-    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        return {name: self._filtered(name, samples) for name, samples in inputs.items() if len(samples)}
-
-    def _filtered(self, name: str, samples: Samples) -> Samples:
+    def apply(self, name: str, samples: Samples) -> Samples:
         values, stamps = np.asarray(samples.values, dtype=np.float64), samples.stamps
-        y, before = self._last.get(name, (values[0], float(stamps[0])))
+        y, before = self._kept.get(name, (values[0], float(stamps[0])))
         if y.shape != values.shape[1:]:
             y, before = values[0], float(stamps[0])
         steps = np.full(len(stamps), 1 / self.rate) if self.rate else stamps - np.concatenate(([before], stamps[:-1]))
@@ -53,7 +62,7 @@ class LowPass(Processor):
             block = slice(first, first + _BLOCK)
             out[block] = _one_pole(y, values[block], -2 * np.pi * (self.cutoff * steps[block]))
             y = out[block][-1]
-        self._last[name] = (y, float(stamps[-1]))
+        self._kept[name] = (y, float(stamps[-1]))
         return samples.replace(values=out)
 
 
@@ -66,7 +75,7 @@ def _one_pole(y: Floats, values: Floats, exponents: Floats) -> Floats:
     return np.asarray(out.reshape(values.shape))
 
 
-class Resample(Processor):
+class Resample(_PerInput):
     """Samples at a fixed rate, on multiples of 1 / rate, by linear interpolation; nothing across a gap."""
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -76,22 +85,14 @@ class Resample(Processor):
     rate: float
     gap: float
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
-        self._last: dict[str, Samples] = {}
-
-    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        results = {name: self._resampled(name, samples) for name, samples in inputs.items() if len(samples)}
-        return {name: result for name, result in results.items() if len(result)}
-
-    def _resampled(self, name: str, samples: Samples) -> Samples:
+    def apply(self, name: str, samples: Samples) -> Samples:
         values, stamps = np.asarray(samples.values, dtype=np.float64), samples.stamps
         begin = float(stamps[0]) - 0.5 / self.rate  # the first sample may stand on the grid itself
-        if name in self._last and self._last[name].values.shape[1:] == values.shape[1:]:
-            last = self._last[name]
+        last: Samples | None = self._kept.get(name)
+        if last is not None and last.values.shape[1:] == values.shape[1:]:
             begin = float(last.stamps[0])
             values, stamps = np.concatenate((last.values, values)), np.concatenate((last.stamps, stamps))
-        self._last[name] = Samples(values[-1:], stamps[-1:])
+        self._kept[name] = Samples(values[-1:], stamps[-1:])
         grid = self._grid(begin, stamps)
         right = np.clip(np.searchsorted(stamps, grid), 1, max(1, len(stamps) - 1))
         if len(stamps) == 1:
@@ -120,7 +121,7 @@ class Resample(Processor):
         return np.asarray(last - (last / self.rate > stamps))
 
 
-class Scale(Processor):
+class Scale(_PerInput):
     """(x - offset) * factor, each one number for all channels or one per channel."""
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -130,17 +131,10 @@ class Scale(Processor):
     offset: tuple[float, ...]
     factor: tuple[float, ...]
 
-    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        return {
-            name: samples.replace(
-                values=(samples.values - self._fitting("offset", samples)) * self._fitting("factor", samples)
-            )
-            for name, samples in inputs.items()
-            if len(samples)
-        }
-
-    def _fitting(self, name: str, samples: Samples) -> Floats | float:
-        return per_channel(getattr(self, name), samples.values.shape, name)
+    def apply(self, name: str, samples: Samples) -> Samples:
+        shape = samples.values.shape
+        offset, factor = per_channel(self.offset, shape, "offset"), per_channel(self.factor, shape, "factor")
+        return samples.replace(values=(samples.values - offset) * factor)
 
 
 TOLERANCE = 0.2
@@ -198,7 +192,7 @@ def _of_rate(ends: Whole, stamps: Floats, size: int, rate: float, report: Callab
     return ends[fits]
 
 
-class _Windowed(Processor):
+class _Windowed(_PerInput):
     """Computes a result of each window, per input."""
 
     parameters: ClassVar[tuple[Parameter, ...]] = (SIZE, STRIDE, RATE)
@@ -206,16 +200,8 @@ class _Windowed(Processor):
     stride: int
     rate: float
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
-        self._windowers: dict[str, Windower] = {}
-
-    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        results = {name: self._apply(name, samples) for name, samples in inputs.items() if len(samples)}
-        return {name: result for name, result in results.items() if len(result)}
-
-    def _apply(self, name: str, samples: Samples) -> Samples:
-        windower = self._windowers.setdefault(name, Windower())
+    def apply(self, name: str, samples: Samples) -> Samples:
+        windower: Windower = self._kept.setdefault(name, Windower())
         windows = windower.feed(samples, self.size, self.stride, self.rate, self.report)
         return windows.replace(values=self.compute(windows.values)) if len(windows) else windows
 
