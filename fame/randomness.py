@@ -40,7 +40,7 @@ class ModuleRandom:
         self._depth += 1
         if self._depth > 1:
             return
-        self._outside = random.getstate(), numpy_random.get_state()
+        self._outside = _states()
         if self._inside is None:
             random.seed(self._owner)
             numpy_random.seed(Random(f"{self._owner} numpy").randrange(SEEDS))
@@ -48,12 +48,19 @@ class ModuleRandom:
             _restore(self._inside)
 
     def __exit__(self, *_: object) -> None:
-        from numpy import random as numpy_random
-
         self._depth -= 1
         if self._depth == 0 and self._outside is not None:
-            self._inside = random.getstate(), numpy_random.get_state()
+            self._inside = _states()
             _restore(self._outside)
+
+
+def _states() -> tuple[Any, Any]:
+    from numpy import random as numpy_random
+
+    state = numpy_random.get_state(legacy=False)
+    if "key" in state["state"]:
+        state["state"]["key"] = state["state"]["key"].tolist()  # which numpy sets far faster than an array
+    return random.getstate(), state
 
 
 def _restore(states: tuple[Any, Any]) -> None:
