@@ -1,6 +1,7 @@
 """The detector in task space: what it sees, and what it lets pass. Every run evaluated was held out of learning."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,8 +21,17 @@ from robots.arm.task import MH5, simulated_runs
 
 pytestmark = needs_data
 
+PERIOD = 0.025
+"""From one sample to the next, s."""
 REPEATABILITY = 57e-6
 """The largest deviation (m) of a benign edge: what is moved by less does not deviate."""
+
+
+@cache
+def stamped() -> PathDetector:
+    """A detector that has learned from runs with stamps."""
+    benign = recording(BENIGN).select(range(16, 30, 2))
+    return PathDetector(MH5).fit(replace(benign, stamps=np.arange(len(benign)) * PERIOD))
 
 
 def run_of(values: np.ndarray) -> Recording:
@@ -85,13 +95,10 @@ def test_a_rest_on_an_edge_is_seen():
 
 
 def test_a_tenth_of_speed_is_seen_by_the_stamps_though_samples_come_as_before():
-    period = 0.025
-    benign = recording(BENIGN).select(range(16, 30, 2))
-    stamped = replace(benign, stamps=np.arange(len(benign)) * period)
-    detector = PathDetector(MH5).fit(stamped)
     run = recording(BENIGN).select([21])
-    passed = detector.follow(replace(run, stamps=100 + np.arange(len(run)) * period))
-    slowed = detector.follow(replace(run, stamps=100 + np.arange(len(run)) * period * 1.1))
+    passed, slowed = (
+        stamped().follow(replace(run, stamps=100 + np.arange(len(run)) * PERIOD * factor)) for factor in (1, 1.1)
+    )
     assert not any(reading.anomalous for reading in passed)
     assert sum(reading.anomalous for reading in slowed) > 50
 
@@ -202,11 +209,9 @@ def test_half_the_rate_is_told_as_sampling():
 
 
 def test_half_the_rate_is_tolerated_where_stamps_tell_the_time():
-    period = 0.025
-    benign = recording(BENIGN).select(range(16, 30, 2))
-    tracker = PathDetector(MH5).fit(replace(benign, stamps=np.arange(len(benign)) * period)).tracker()
+    tracker = stamped().tracker()
     values = recording(BENIGN).select([21]).values[::2]
-    found = [tracker.step(row, 2 * period * number) for number, row in enumerate(values.tolist())]
+    found = [tracker.step(row, 2 * PERIOD * number) for number, row in enumerate(values.tolist())]
     assert sum(reading.anomalous for reading in found) <= 1
     (sampling,) = [change for change in tracker.changes() if change.kind == "sampling"]
     assert sampling.size == pytest.approx(0.5, abs=0.01)
@@ -240,9 +245,7 @@ def test_beyond_the_bounds_it_is_an_anomaly():
 
 
 def test_stamps_that_do_not_grow_are_made_up_and_told():
-    period = 0.025
-    benign = recording(BENIGN).select(range(16, 30, 2))
-    tracker = PathDetector(MH5).fit(replace(benign, stamps=np.arange(len(benign)) * period)).tracker()
+    tracker = stamped().tracker()
     run = recording(BENIGN).select([21])
     assert not any(tracker.step(row, 0.0).anomalous for row in run.values.tolist())
     assert ("stamps", len(run) - 1) in [change[:2] for change in tracker.changes()]
@@ -264,7 +267,7 @@ def test_samples_lost_at_a_round_corner_are_no_deviation(number: int, stamped: b
     turn = np.where((steps[1:] > 2e-4) & (steps[:-1] > 2e-4), (ways[1:] * ways[:-1]).sum(axis=1), 1.0)
     corner = int(np.argmin(turn[100:400])) + 101
     kept = ~np.isin(np.arange(len(run)), (corner - 1, corner))
-    given = replace(run, stamps=0.025 * np.arange(len(run))) if stamped else run
+    given = replace(run, stamps=PERIOD * np.arange(len(run))) if stamped else run
     assert not any(reading.anomalous for reading in learned().follow(given.rows(kept)))
 
 

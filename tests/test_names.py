@@ -3,6 +3,7 @@
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -36,6 +37,7 @@ def defined(tree: ast.Module) -> Iterator[str]:
                 yield name
 
 
+@cache
 def homonyms() -> dict[str, list[str]]:
     """Names that several modules define, with these modules."""
     found = defaultdict(list)

@@ -8,16 +8,17 @@ import shlex
 import signal
 import subprocess
 import sys
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
 from domains import DOMAIN
 
-from fame.cli import parser
+from fame import cli
 from sim2d.robot import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
+parser = cache(cli.parser)
 
 
 def read(name: str) -> str:
