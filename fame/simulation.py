@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from datetime import datetime
 from numbers import Integral, Real
 from pathlib import Path
@@ -37,7 +37,7 @@ class Simulation:
     library      folders with called processes, besides those of the model and of FAME
     robot        the robot's name and namespace
     epoch        the date of simulated second 0, with a time zone
-    seed         of `robot.random`, and of the modules `random` and `numpy.random` while it runs
+    seed         of `robot.random`, and of the modules `random` and `numpy.random` in scripts and services
 
     Raises ModelError if the model cannot be executed, MessageError for topics and types that do not go together,
     ConfigError for arguments of a wrong kind.
@@ -71,7 +71,7 @@ class Simulation:
         )  # fmt: skip
         expect(isinstance(seed, Integral) and int(seed) >= 0, "seed", seed, "a whole number from 0 on")
         _expect_values("variables", variables)
-        self._seed, self._random = seed, ModuleRandom(seed)
+        self._seed = seed
         self.scheduler: Scheduler = Scheduler()
         self.middleware: LocalMiddleware = LocalMiddleware(self.scheduler)
         self.reports: list[Event] = []
@@ -81,6 +81,8 @@ class Simulation:
             make_mission(definitions, chosen, library=folders, services=services, shared=_declared(definitions)),
             None,
         )
+        # to exchange the states of the modules takes longer than most stimuli
+        self._random: AbstractContextManager[object] = ModuleRandom(seed) if mission.draws else nullcontext()
         self.node: RobotNode = RobotNode(
             robot,
             mission,

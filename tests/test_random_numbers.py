@@ -107,6 +107,22 @@ def test_a_run_gives_the_modules_back_as_they_were(scenario: Path) -> None:
     assert (random.getstate(), np.random.get_state()[1].tolist()) == before
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("task", ["import random", "x = __import__('numpy')", "", "x = robot.random.random()"])
+def test_only_what_may_draw_from_the_modules_exchanges_their_states(
+    task: str, encoding: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = f"<scriptTask id='a'><script>{task}</script></scriptTask>"
+    service = "<serviceTask id='a' camunda:type='external' camunda:topic='draw'/>"
+    content = f"<startEvent id='s'/>{script if task else service}<sequenceFlow id='f' sourceRef='s' targetRef='a'/>"
+    (tmp_path / "m.bpmn").write_text(process(content), encoding=encoding)
+    exchanged = list[bool]()
+    monkeypatch.setattr(random, "setstate", lambda state, set=random.setstate: (exchanged.append(True), set(state)))
+    services = {} if task else {"draw": lambda variables: {"x": random.random()}}
+    fame.Simulation(tmp_path / "m.bpmn", services=services).run().close()
+    assert bool(exchanged) == ("robot" not in task)
+
+
 def test_missions_under_test_draw_from_their_seed_and_give_the_modules_back(scenario: Path) -> None:
     before, loader = random.getstate(), MissionLoader(scenario.parent.resolve)
     first, second = (loader.load(scenario, seed=5).advance(0.5).variables() for _ in range(2))

@@ -66,6 +66,12 @@ class Mission:
         return (node.script for _, node in self.flow_nodes() if node.script is not None)
 
     @cached_property
+    def draws(self) -> bool:
+        """Whether its Python code may use the modules `random` and `numpy.random`: services, and what texts import."""
+        imports = any(b"import" in home.source.replace(b"\0", b"") for home, _ in self.processes())  # of UTF-16, too
+        return imports or any(node.operation for _, node in self.flow_nodes())
+
+    @cached_property
     def script_topics(self) -> tuple[tuple[Expression, ScriptTopic], ...]:
         """What its scripts name, each with its script. Raises ModelError for a script that is wrong."""
         return tuple((script, topic) for script in self.scripts() for topic in script_topics(script))
