@@ -45,6 +45,7 @@ def may_change(script: Expression) -> frozenset[str]:
     return reads if changed & parts_of(tree) else reads & changed
 
 
+@lru_cache(maxsize=1024)
 def changed_in_place(script: Expression) -> frozenset[str]:
     """Return the variables whose lists, mappings or objects a script in Python changes by items, attributes or methods.
 
@@ -267,6 +268,7 @@ def _targets(statement: ast.stmt) -> Iterator[str]:
 # ---- lists of which only the length is read --------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=1024)
 def list_uses(text: Expression, *, script: bool) -> tuple[frozenset[str], frozenset[str]]:
     """(counted, others): the variables of which a text uses only the length as a list, and the others that it uses.
 

@@ -53,6 +53,7 @@ def sliced(script: Expression, needed: Set[str]) -> Expression:
     return replace(script, text="\n".join(map(ast.unparse, left)) or "pass")
 
 
+@lru_cache(maxsize=1024)
 def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Dependency]] | None:
     """(statement, whether it does more than set variables, its link); None if a script is taken as a whole."""
     tree = _tree(script)

@@ -11,6 +11,7 @@ import marshal
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -194,9 +195,9 @@ class Values:
             content = tuple(sorted(self.number(item) for item in value))
         elif kind is dict:
             content = tuple([(self.number(key), self.number(item)) for key, item in value.items()])
-        elif is_dataclass(value) and hasattr(value, "__msgtype__"):
+        elif names := _names_of_fields(kind):
             name = value.__msgtype__
-            content = tuple([self.number(getattr(value, field.name)) for field in fields(value)])
+            content = tuple([self.number(getattr(value, field)) for field in names])
         else:
             return UNKNOWN
         key = (name, content)
@@ -239,10 +240,7 @@ class Values:
         if name == "dict":
             return {self.value(key): self.value(item) for key, item in content}
         kind, numbers = content
-        message = kind()
-        for field, item in zip(fields(kind), numbers, strict=True):
-            object.__setattr__(message, field.name, self.value(item))
-        return message
+        return kind(*[self.value(item) for item in numbers])
 
     def text(self, number: int, width: int = 60) -> str:
         """Return the known part of a value, for people; empty if nothing is known."""
@@ -303,6 +301,13 @@ class Values:
             if not found or isinstance(item, dict):
                 known[name] = inner
         return known, unknown_paths
+
+
+@lru_cache(maxsize=256)
+def _names_of_fields(kind: type) -> tuple[str, ...]:
+    """The fields of a class of messages; of any other class none."""
+    is_message = is_dataclass(kind) and hasattr(kind, "__msgtype__")
+    return tuple(field.name for field in fields(kind)) if is_message else ()
 
 
 def is_fixed(value: Any) -> bool:
