@@ -122,7 +122,7 @@ def test_a_calibration_comes_back_from_plain_data():
 def test_a_lower_rate_never_gives_a_lower_threshold(runs: int, margin: float | None):
     """Of all functions that set thresholds: for channels, whole runs, and the left-out runs of a comparison."""
     rates = (0.9, 0.5, 0.3, 0.2, 0.1, 0.06, 0.05, 0.02, 0.01, 1e-6)
-    for seed in range(12):
+    for seed in range(6):
         every = scores(seed, runs, channels=6)
         if seed % 2:
             every[0] *= 30.0  # an outlier
