@@ -341,8 +341,9 @@ def test_two_models_judge_the_same_runs_and_the_labels_say_which_is_better(
         (3, -1, "anomalous", "benign"),
     ]
     assert (found["old"]["figures"]["found"], found["new"]["figures"]["found"]) == (2, 0)
-    assert told(capsys, "monitor", "model", "compare", *reversed(names), data)[0] == 0
-    assert main(["monitor", "model", "compare", *map(str, (names[0], names[0], data))]) == 0
+    write(tmp_path / "one.csv", [own_data.run(5001, "stuck")], anomalous=(0,))
+    assert told(capsys, "monitor", "model", "compare", *reversed(names), tmp_path / "one.csv")[0] == 0
+    assert main(["monitor", "model", "compare", *map(str, (names[0], names[0], tmp_path / "one.csv"))]) == 0
     assert "same verdicts on every run" in capsys.readouterr().out
 
 
