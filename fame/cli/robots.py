@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,6 @@ from fame.cli.arguments import (
 )
 from fame.cli.network import add_network, connected, note_ready, person, wait_until
 from fame.cli.output import print_json, table
-from fame.closing import Closing
 from fame.errors import ConfigError, DeploymentError
 from fame.text import printable, suggestion
 
@@ -310,7 +310,7 @@ def value(text: str) -> tuple[str, Any]:
 
 def request(arguments: Namespace) -> int:
     """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
-    with connected(arguments) as ends, RobotClient(arguments, *ends) as robot:
+    with connected(arguments) as ends, closing(RobotClient(arguments, *ends)) as robot:
         return _tell(arguments, robot.answer(arguments.act))
 
 
@@ -324,7 +324,7 @@ def take_over(arguments: Namespace) -> int:
     ended, topic = list[bool](), f"/{arguments.robot}/cmd_vel_manual"
     with (
         connected(arguments) as ends,
-        RobotClient(arguments, *ends) as robot,
+        closing(RobotClient(arguments, *ends)) as robot,
         signals_call(lambda *_: ended.append(True)),
     ):
         late = True
@@ -356,7 +356,7 @@ def _tell(arguments: Namespace, report: Report) -> int:
     return 0 if done else 1
 
 
-class RobotClient(Closing):
+class RobotClient:
     """Sends requests to the robot that a command names. Raises DeploymentError if no such engine is found."""
 
     scheduler: WallScheduler
