@@ -12,7 +12,7 @@ from itertools import compress
 from operator import is_, is_not
 from typing import Any
 
-from fame.engine.encoding import is_data
+from fame.engine.data import is_data
 
 _Encode = Callable[[Any], Hashable]
 Decode = Callable[[Any], Any]

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from enum import Enum
 from functools import cache
 from operator import attrgetter
@@ -112,14 +113,23 @@ def chained(outer: dict[str, Any], own: dict[str, Any]) -> Variables:
 
 
 def plain(variables: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all variables that are data, as a new plain dict; an inner one hides an outer one of its name.
-
-    Names with two leading underscores, modules, classes and callables are code, not data: they are never shown, logged
-    or stored.
-    """
+    """Return all variables that are data, as a new plain dict; an inner one hides an outer one of its name."""
     shown = plain(variables.outer) if isinstance(variables, Variables) else {}
-    shown.update((name, value) for name, value in variables.items() if not name.startswith("__"))
-    return {name: value for name, value in shown.items() if not (callable(value) or isinstance(value, ModuleType))}
+    shown.update(variables.items())
+    return {name: value for name, value in shown.items() if is_data(name, value)}
+
+
+def is_data(name: str, value: Any) -> bool:
+    """Return whether a variable is data, and not code, which is never shown, logged or stored.
+
+    Code are names with two leading underscores, modules, classes and callables.
+    """
+    return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
+
+
+def own_copy(value: Any) -> Any:
+    """Return a value that does not change when somebody else, who has it too, changes it in place."""
+    return deepcopy(value) if isinstance(value, list | dict | set) else value
 
 
 Take = Callable[[dict[str, Any], Any], None]

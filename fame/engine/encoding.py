@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 from fame.errors import MissionError
@@ -16,11 +15,6 @@ Convert = Callable[[Any], Any]
 def no_data(value: Any) -> Any:
     """Reject values that cannot be serialised. Raises MissionError."""
     raise MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: it is not plain data")
-
-
-def is_data(name: str, value: Any) -> bool:
-    """Return whether a variable is data, by the rule of `fame.engine.data.plain`."""
-    return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 
 _KNOWN = frozenset({bool, int, str, type(None)})

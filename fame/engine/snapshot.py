@@ -16,8 +16,8 @@ from typing import Any
 
 from fame.engine.adhoc import NEXT, SWEEP
 from fame.engine.compensation import CANCELLED, ROLL_BACK, UNDO
-from fame.engine.data import Variables
-from fame.engine.encoding import Convert, Data, decode, encode, is_data, no_data
+from fame.engine.data import Variables, is_data
+from fame.engine.encoding import Convert, Data, decode, encode, no_data
 from fame.engine.faults import FAILED
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine

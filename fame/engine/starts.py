@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from copy import deepcopy
 from typing import Any
 
 from fame.bpmn import model
 from fame.engine import event_gateways, faults, scopes, tasks, waiting
-from fame.engine.data import correlates
+from fame.engine.data import correlates, own_copy
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Catch, Node, Start
 from fame.engine.scope_compiler import ScopeCompiler, instantiates
@@ -28,7 +27,7 @@ def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | Non
     """Make an instance with its first token at `entry`."""
     variables = engine.new_variables()
     if engine.parameters:
-        variables.update({name: _own(value) for name, value in engine.parameters.items()})
+        variables.update({name: own_copy(value) for name, value in engine.parameters.items()})
     if values:
         variables.update(values)
     instance = Instance(engine.new_key(), engine.program, variables)
@@ -41,11 +40,6 @@ def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | Non
     engine.ready.append((entry, root))
     scopes.arm_scope(engine, root)
     return instance
-
-
-def _own(value: Any) -> Any:
-    """Return a value that no other instance changes."""
-    return deepcopy(value) if isinstance(value, list | dict | set) else value
 
 
 def trigger(engine: EngineState, node: Node, message: Any) -> None:

@@ -11,7 +11,6 @@ as attributes of the log: ``property:NAME``, with sentence, slack and why in it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,12 +25,10 @@ from fame.iso8601 import parse_datetime
 from fame.log.elements import ElementInfo
 from fame.log.mission_level import PART
 from fame.robot.events import Event, Observer
+from fame.text import NOT_XML
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
 """Mark of an activity -> transition of the standard life cycle (IEEE 1849, extension Lifecycle)."""
-
-_FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that are not allowed in XML."""
 
 _HEAD = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -186,5 +183,5 @@ def _date(epoch: datetime, time: int) -> str:
 
 
 def _attribute(indent: int, key: str, value: str, tag: str = "string") -> str:
-    legal = _FORBIDDEN.sub("\ufffd", value)
+    legal = NOT_XML.sub("\ufffd", value)
     return f"{' ' * indent}<{tag} key={quoteattr(key)} value={quoteattr(legal)}/>\n"

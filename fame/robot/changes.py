@@ -12,9 +12,10 @@ from operator import is_not
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
+from fame.engine.data import is_data
 from fame.engine.program import Mark, Node
 from fame.engine.state import Instance, Scope, Trail, Wait
-from fame.robot.plain_values import content_of, is_changeable, is_data, plain, plain_and_text
+from fame.robot.plain_values import content_of, is_changeable, plain, plain_and_text
 from fame.robot.robot_state import EVENTS, VARIABLES, WAITING
 
 if TYPE_CHECKING:

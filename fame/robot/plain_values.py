@@ -19,6 +19,7 @@ from operator import attrgetter
 from types import ModuleType
 from typing import Any
 
+from fame.engine.data import is_data
 from fame.fast_json import json_bytes
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
@@ -62,11 +63,6 @@ def plain_and_text(value: Any) -> tuple[Any, object]:
         found = _cut(f"{type(value).__name__} of {characters} characters")
         text = json_bytes(found)
     return found, text
-
-
-def is_data(name: str, value: Any) -> bool:
-    """Return whether a variable is data: functions, classes, modules and names with two leading underscores are not."""
-    return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 
 def is_changeable(value: Any) -> bool:

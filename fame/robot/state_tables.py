@@ -34,7 +34,8 @@ from typing import Any
 import orjson
 
 from fame.engine import Engine, Instance, Variables, restore, snapshot
-from fame.engine.encoding import decode, encode, is_data
+from fame.engine.data import is_data
+from fame.engine.encoding import decode, encode
 from fame.engine.host import Host
 from fame.engine.program import Program
 from fame.engine.snapshot import without_instances

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fame.bpmn.model import Definitions
 from fame.check.variables import variable_names
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.engine.data import own_copy
 from fame.engine.state import Instance, Trail
 from fame.errors import MessageError
 from fame.log.channels import PROPERTIES
@@ -138,7 +138,7 @@ class RunJudge(Observer):
             for source in self._reads[robot] if instance is not None else ():
                 variables: dict[str, Any] = instance.root_variables  # type: ignore[union-attr]
                 if source.name in variables:
-                    self.judge.sample(now, source, _as_now(variables[source.name]))
+                    self.judge.sample(now, source, own_copy(variables[source.name]))
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """Take the messages of a publisher, if a property reads them."""
@@ -192,11 +192,6 @@ class RunJudge(Observer):
             ]
             if missing or not monitor.parts:
                 yield monitor, missing[0] if missing else ABSENT
-
-
-def _as_now(value: Any) -> Any:
-    """A value as it is now, which scripts may change in place before a property is judged."""
-    return deepcopy(value) if isinstance(value, list | dict | set) else value
 
 
 class RunWatches(Observer):

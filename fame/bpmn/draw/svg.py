@@ -15,6 +15,7 @@ from typing import NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
 from fame.bpmn.model import Bounds, Edge, Shape
+from fame.text import NOT_XML
 
 Point = tuple[float, float]
 
@@ -22,7 +23,6 @@ FONT = "Arial, Helvetica, 'Liberation Sans', sans-serif"
 LINE_HEIGHT = 1.2
 """Relative to the font size."""
 
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SEAMS = re.compile(r"(?<=[_\-/.])(?=[^_\-/.])|(?<=[a-z])(?=[A-Z])")
 _NARROW, _WIDE = frozenset("iIjl.,:;'|!()[]{}ftr /-\"`"), frozenset("mwMW@%")
 
@@ -39,7 +39,7 @@ def tag(name: str, *content: str, **attributes: object) -> str:
 
 
 def _text(value: object) -> str:
-    return number(value) if isinstance(value, float) else _NOT_XML.sub("", str(value))
+    return number(value) if isinstance(value, float) else NOT_XML.sub("", str(value))
 
 
 def number(value: float) -> str:
@@ -48,7 +48,7 @@ def number(value: float) -> str:
 
 
 def text(content: str) -> str:
-    return escape(_NOT_XML.sub("", content))
+    return escape(NOT_XML.sub("", content))
 
 
 def translated(x: float, y: float, *content: str, scale: float = 1.0) -> str:

@@ -19,6 +19,7 @@ from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.explore.abstraction import Abstraction, AbstractStep, emitted, step_name
 from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
+from fame.check.explore.graph import reachable
 from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, may_raise, waits
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
 from fame.check.explore.script_effects import changed_in_place, may_change, script_writes
@@ -32,6 +33,7 @@ from fame.engine.tasks import SCRIPT
 from fame.errors import FameError, ModelError
 from fame.iso8601 import parse_duration
 from fame.middleware import typesystem
+from fame.middleware.definitions import Field
 from fame.scripting import compile_expression, compile_script, script_names
 from fame.scripting.interface import interface
 
@@ -594,20 +596,14 @@ def seconds_of(text: str) -> float | None:
 
 def field_names(types: Mapping[str, TopicUse]) -> frozenset[str]:
     """Return the names of all fields of the messages of a team."""
-    found = set[str]()
-    pending = [use.type for use in types.values()]
-    seen = set[str]()
-    while pending:
-        name = pending.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        try:
-            content = typesystem.definition(name)
-        except FameError:
-            continue
-        for one in content.fields:
-            found.add(one.attribute)
-            if one.is_message:
-                pending.append(one.base)
-    return frozenset(found)
+    every = reachable(
+        (use.type for use in types.values()), lambda name: [one.base for one in _fields(name) if one.is_message]
+    )
+    return frozenset(one.attribute for name in every for one in _fields(name))
+
+
+def _fields(name: str) -> tuple[Field, ...]:
+    try:
+        return typesystem.definition(name).fields
+    except FameError:
+        return ()

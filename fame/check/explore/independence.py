@@ -119,14 +119,11 @@ class Structure:
 
     def _region(self, element: str) -> frozenset[str]:
         """The elements that a token at an element may pass until it waits, itself and those where it waits included."""
-        found, pending = {element}, list(self._after[element])
-        while pending:
-            one = pending.pop()
-            if one not in found and one not in self._joins:
-                found.add(one)
-                if not self._waits(one):
-                    pending += self._after[one]
-        return frozenset(found)
+
+        def after(one: str) -> set[str]:
+            return self._after[one] - self._joins if one == element or not self._waits(one) else set()
+
+        return frozenset(reachable([element], after))
 
     def _waits(self, id: str) -> bool:
         node = self._nodes[id]

@@ -208,9 +208,8 @@ export class Diagram {
     const byId = new Map();
     for (const group of drawing.querySelectorAll("[data-id]")) if (!byId.has(group.dataset.id)) byId.set(group.dataset.id, group);
     const groups = new Map(), { elements } = this.app.mission;
-    const known = (number) => byId.get(elements[number]?.id ?? data.ids?.[number]);
     for (const number of [...Object.keys(data.shapes), ...Object.keys(data.edges)]) {
-      const group = known(number);
+      const group = byId.get(elements[number]?.id);
       if (group === undefined) continue;
       group.dataset.element = number;
       groups.set(Number(number), group);

@@ -176,8 +176,7 @@ class App {
 
   news(news) {
     if (news.type === "beat") return;
-    if (news.type === "mission") this.load(news.mission).then(() => this.prefetch());
-    else if (news.type === "index") {
+    if (news.type === "index") {
       this.store.index(news.blocks, news.end);
       this.mission.reading = news.reading;
       this.store.complete = news.reading >= 1;

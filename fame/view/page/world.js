@@ -312,7 +312,7 @@ export class World {
   }
 
   drawRobot(pen, { r, pose, robot }) {
-    const { context, look, scale } = pen, outline = pose.outline ?? robot.outline ?? box(0, 0, 0.5, 0.4), growth = this.growth(outline, scale);
+    const { context, look, scale } = pen, outline = pose.outline ?? box(0, 0, 0.5, 0.4), growth = this.growth(outline, scale);
     const placed = (corners, grow = growth) => moved(turned(corners.map(([x, y]) => [x * grow, y * grow]), pose.heading), [pose.x, pose.y]);
     const colour = robotColour(r), ahead = Math.max(...outline.map(([x]) => x)) * growth, led = LEDS[pose.led];
     const chosen = this.app.selected.robot === r;
@@ -325,7 +325,7 @@ export class World {
     for (const [reach, part] of led ? [[2.2, "3c"], [1.4, "6e"]] : []) this.circle(pen, lamp, ahead * scale * reach, { fill: led + part }); // it glows
     if (pose.blade) this.circle(pen, [pose.x, pose.y], pose.blade * growth * 1.25 * scale, { fill: `${look.ink}40`, stroke: look.ink });
     const pieces = (pose.workpieces ?? []).map((piece) => [piece.corners, piece.kind, piece.closed]);
-    for (const [corners, kind, closed = true] of [...pieces, ...(SYMBOLS[pose.type ?? robot.type] ?? vehicle)(outline), ...limb(outline, pose)]) {
+    for (const [corners, kind, closed = true] of [...pieces, ...(SYMBOLS[pose.type] ?? vehicle)(outline), ...limb(outline, pose)]) {
       const fill = { robot: colour, paper: look.paper, ink: look.ink, fixture: look.fixture, part: look.target, cut: look.targetEdge }[kind];
       const stroke = { robot: look.ink, ink: look.ink, fixture: look.edge, part: look.targetEdge, cut: look.targetEdge }[kind];
       if (closed) this.polygon(pen, placed(corners), { fill, stroke, width: 1.2 });
@@ -357,7 +357,7 @@ export class World {
   }
 
   drawName(pen, { r, pose, robot }, robots, width, state) {
-    const [x, y] = pen.at([pose.x, pose.y]), outline = pose.outline ?? robot.outline ?? box(0, 0, 0.5, 0.4);
+    const [x, y] = pen.at([pose.x, pose.y]), outline = pose.outline ?? box(0, 0, 0.5, 0.4);
     const far = Math.max(...outline.map(([ahead]) => ahead)) * this.growth(outline, pen.scale) * pen.scale;
     const near = robots.filter((other) => other.r !== r).map((other) => pen.at([other.pose.x, other.pose.y])).filter(([ox, oy]) => Math.abs(ox - x) < 90 && Math.abs(oy - y) < 56);
     const above = y > 60 && near.every(([, oy]) => oy >= y), aside = !above && (y + far + 28 > this.size.height || near.some(([, oy]) => oy >= y)), name = pose.altitude >= 0.05 ? `${robot.name}  ${pose.altitude.toFixed(1)} m` : robot.name;
