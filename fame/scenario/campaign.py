@@ -74,6 +74,10 @@ class Job:
         words += ["--no-project"] if self.project else []
         return shlex.join(words)
 
+    def head(self) -> _Row:
+        """Return what its row begins with, however it ends."""
+        return {"run": self.number, "seed": self.seed, "command": self.command(), "changes": dict(self.changes)}
+
 
 def run_job(job: Job) -> _Row:
     """Execute a run and return its row. An impossible world is a status, not an error."""
@@ -81,7 +85,7 @@ def run_job(job: Job) -> _Row:
 
     for folder in job.types:
         register_files(folder)
-    row: _Row = {"run": job.number, "seed": job.seed, "command": job.command(), "changes": dict(job.changes)}
+    row = job.head()
     with ExitStack() as opened:
         try:
             changes = {path: value for path, value in job.changes.items() if path != FAULTS}
@@ -311,7 +315,7 @@ def _local(pending: Sequence[Job], workers: int) -> Iterator[_Row]:
                     tried[job.number] = tried.get(job.number, 0) + 1
                     if tried[job.number] >= _ATTEMPTS:
                         del left[job.number]
-                        yield _died(job)
+                        yield {**job.head(), "status": "crashed", "cause": f"the process died {_ATTEMPTS} times"}
 
 
 def _on_cluster(pending: Sequence[Job], backend: str, address: str) -> Iterator[_Row]:
@@ -319,34 +323,23 @@ def _on_cluster(pending: Sequence[Job], backend: str, address: str) -> Iterator[
     require("joblib")
     from joblib import Parallel, delayed, parallel_config
 
-    if backend == "dask":
-        require("distributed")
-        from distributed import Client
+    with ExitStack() as opened:
+        if backend == "dask":
+            require("distributed")
+            from distributed import Client
 
-        with Client(address) as client, parallel_config(backend="dask", client=client):  # type: ignore[no-untyped-call]
-            for start in range(0, len(pending), 32 * _BATCH):
-                yield from Parallel()(delayed(run_job)(job) for job in pending[start : start + 32 * _BATCH])
-        return
-    require("ray")
-    import ray
-    from ray.util.joblib import register_ray
+            client = opened.enter_context(Client(address))  # type: ignore[no-untyped-call]
+            opened.enter_context(parallel_config(backend="dask", client=client))
+        else:
+            require("ray")
+            import ray
+            from ray.util.joblib import register_ray
 
-    ray.init(address=address)
-    register_ray()
-    with parallel_config(backend="ray"):
+            ray.init(address=address)
+            register_ray()
+            opened.enter_context(parallel_config(backend="ray"))
         for start in range(0, len(pending), 32 * _BATCH):
             yield from Parallel()(delayed(run_job)(job) for job in pending[start : start + 32 * _BATCH])
-
-
-def _died(job: Job) -> _Row:
-    return {
-        "run": job.number,
-        "seed": job.seed,
-        "command": job.command(),
-        "changes": dict(job.changes),
-        "status": "crashed",
-        "cause": f"the process died {_ATTEMPTS} times",
-    }
 
 
 # ---- the folder of a campaign ----------------------------------------------------------------------------------------
