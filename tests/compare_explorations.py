@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import repeat
 from pathlib import Path
 from random import Random
@@ -40,6 +41,7 @@ from fame.scenario.run import Run
 from fame.testing.by_hand import MissionByHand
 from fame.testing.explored_runs import play
 
+read = lru_cache(maxsize=8)(fame.read)  # a model once for all its explorations and runs
 LIMIT = 2_000
 """States of a model; larger ones are not explored whole, and compared as far as they were."""
 DRAWS = 5
@@ -80,7 +82,7 @@ class Drawn:
 
 def scenario_of(text: str, given: Sequence[Property] = ()) -> Scenario:
     """The same team as is explored."""
-    definitions, library, cast = cast_of(fame.read(text.encode()), {}, ())
+    definitions, library, cast = cast_of(read(text.encode()), {}, ())
     return Scenario(file=definitions.file, definitions=definitions, library=library, cast=cast, world=None, seed=0,
                     duration=300.0, properties=tuple(given))  # fmt: skip
 
@@ -218,7 +220,7 @@ def judged_differently(seed: int, draws: int = DRAWS) -> tuple[int, list[str]]:
     """How many properties of a model the exploration knows, and where the full search or a run says otherwise."""
     robots, options = varied(seed)
     text = text_of(robots, **options)
-    definitions, library, cast = cast_of(fame.read(text.encode()), {}, ())
+    definitions, library, cast = cast_of(read(text.encode()), {}, ())
     names = vocabulary_of(definitions, library, cast)
     given = [parse(one, NOWHERE, one) for one in sentences(seed, names)]
     reduced, full = (
@@ -251,7 +253,7 @@ def compare(seed: int, folder: Path) -> tuple[bool, list[str]]:
     """Compare a model with its runs: whether it was explored whole, and all differences."""
     robots, options = varied(seed)
     text = text_of(robots, **options)
-    result = explore(fame.read(text.encode()), delivery="run", limit=LIMIT, samples=False)
+    result = explore(read(text.encode()), delivery="run", limit=LIMIT, samples=False)
     found = []
     for draw in range(DRAWS):
         drawn = run(text_of(robots, **options, drawn=Random(f"{seed} {draw}")))
@@ -259,7 +261,7 @@ def compare(seed: int, folder: Path) -> tuple[bool, list[str]]:
     for finding in result.findings:
         if finding.kind in ("deadlock", "lost", "error"):
             found += replayed(text, finding, folder)
-    full = explore(fame.read(text.encode()), delivery="run", limit=LIMIT, samples=False, reduced=False)
+    full = explore(read(text.encode()), delivery="run", limit=LIMIT, samples=False, reduced=False)
     if full.exhaustive and verdicts(full) != verdicts(result):
         found.append(f"the reduced search finds {verdicts(result)}, the full one {verdicts(full)}")
     return result.exhaustive, [f"seed {seed}: {one}" for one in found]
