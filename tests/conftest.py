@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from domains import DOMAIN
+
+from fame.gc_tuning import exempt, readmit, uncollected
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -30,6 +33,25 @@ with suppress(ImportError):  # the tests on ROS have no hypothesis
 
     settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
     settings.load_profile("unhurried")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Look for no garbage while ten thousand tests are made, which stay."""
+    with uncollected(stays=True):
+        return (yield)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Collect what the test before left; what is there then stays: to look through all of it takes a second."""
+    gc.collect(1)
+    exempt()
+
+
+def pytest_sessionfinish() -> None:
+    """Let the last collection of pytest find whatever was never closed."""
+    readmit()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -301,7 +301,7 @@ def test_nested_fields_empty_messages_and_numbers_of_numpy_are_written() -> None
         ("Name: !!int x", "is not valid YAML"),
         ("Name: !!bool maybe", "is not valid YAML"),
         ("Frequency: " + "9" * 5000, "is not valid YAML"),
-        ("[" * 1200, "nested too deeply"),
+        ("[\n" * 1200, "nested too deeply"),
         ("Inputs: {}\nInputs: {}", ":2: Inputs: is given twice"),
         (
             "Processor: {Class: LowPass, Parameters: {cutoff: 1, cutoff: 2}}",
