@@ -263,8 +263,10 @@ class BenignChanges:
         found = [self.lateness.step(clock, lateness, resting=resting)]
         lost = 0 if self.lost.known else self.lost.count
         other = self._without_lost.step(clock + lost, lateness + lost if lateness else 0.0, resting=resting)
-        sure = tuple(math.copysign(max(0.0, abs(part) - _UNSURE), part) for part in other)
-        return [*found, (sure[0], sure[1])] if self._made_up else found
+        if self._made_up:
+            late, change = (math.copysign(max(0.0, abs(part) - _UNSURE), part) for part in other)
+            found.append((late, change))
+        return found
 
     @property
     def _made_up(self) -> bool:

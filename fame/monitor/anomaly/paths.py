@@ -210,7 +210,7 @@ class Tracker:
         stamped = stamp is not None and self._period > 0 and before is not None
         step = time - before if stamped and before is not None else None
         _, near = self._tree.query((*place, *(TURN * part for part in direction), self._lag * clock), k=NEIGHBOURS)
-        phase = float(self._times[near].mean())
+        phase = float(self._times[near].sum()) / NEIGHBOURS
         beside = near
         if self._offset is not None and (phase - self._phase > _JUMP or (step or 0.0) > _JUMP):
             # The way from the point before leads across missing samples: around a corner it is no direction of the run.
@@ -324,8 +324,8 @@ def turning(paths: Paths, slow: float) -> Floats:
 
 
 def _mean(vectors: Collection[Vector]) -> Vector:
-    x, y, z = (sum(parts) / len(vectors) for parts in zip(*vectors, strict=True))
-    return x, y, z
+    (x, y, z), count = map(sum, zip(*vectors, strict=True)), len(vectors)
+    return x / count, y / count, z / count
 
 
 def bin_of(phase: float, count: int, size: int) -> int:
