@@ -261,10 +261,8 @@ class AbortClient:
         scheduler: Scheduler,
         ended: Callable[[str, str], object],
         key: Any = None,
-        wall_time: Callable[[], float] = time.time,
     ) -> None:
-        self._robot, self._scheduler, self._ended = robot, scheduler, ended
-        self._key, self._wall_time = key, wall_time
+        self._robot, self._scheduler, self._ended, self._key = robot, scheduler, ended, key
         self._reader = ReportReader.of_sender(robot, key)
         self._deployment = self._before = ""
         self._next: Entry | None = None
@@ -294,7 +292,7 @@ class AbortClient:
 
     def _send(self, report: Report) -> None:
         envelope = Envelope(deployment=self._deployment, sequence=0, robot=self._robot, phase="abort")
-        signed_envelope = signed(envelope, self._key, born=report.born, now=self._wall_time())
+        signed_envelope = signed(envelope, self._key, born=report.born, now=time.time())
         self._out.publish(messages.create(STRING, signed_envelope.to_json()))
         self._next = self._scheduler.after(round(REPEAT * SECOND), lambda: self._send(report), Kind.TIMER)
 

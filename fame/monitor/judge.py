@@ -264,9 +264,9 @@ def write_scores(judgement: JudgedRuns, path: Path) -> None:
 # ---- curves ----------------------------------------------------------------------------------------------------------
 
 
-def areas(scores: Floats, positive: Any, seed: int = 0) -> dict[str, Any]:
+def areas(scores: Floats, positive: Any) -> dict[str, Any]:
     """Return the areas under the ROC and the precision-recall curve with 95 % bootstrap intervals over runs."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     draws = []
     for _ in range(RESAMPLINGS):
         rows = random.integers(0, len(scores), len(scores))

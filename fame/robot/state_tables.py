@@ -295,7 +295,7 @@ def _renumbered(record: list[Any], numbers: Mapping[int, int]) -> list[Any]:
     return [node, numbers[variables], [_renumbered(item, numbers) for item in inner]]
 
 
-def instance_data(instance: Instance, program: Program, dump: Callable[[Any], Any] = dump) -> dict[str, Any]:
+def instance_data(instance: Instance, program: Program) -> dict[str, Any]:
     """Return an instance that is over, as plain data. Values that cannot be stored are left out.
 
     If it was one of another program, its completed elements are counted at those of the same ids.

@@ -167,10 +167,10 @@ def interface(
     return names
 
 
-def another(names: dict[str, Any], budget: int = DEFAULT) -> dict[str, Any]:
+def another(names: dict[str, Any]) -> dict[str, Any]:
     """Return a copy of the interface for another process instance, with its own budget."""
     copy = names.copy()
-    Budget(copy, budget)
+    Budget(copy, DEFAULT)
     return copy
 
 

@@ -53,11 +53,9 @@ def _code(expression: Expression, mode: Literal["exec", "eval"], file: str, elem
     return _moved(code, max(0, expression.line - 1))
 
 
-def parse_python(
-    expression: Expression, mode: Literal["exec", "eval"] = "exec", file: str = "", element: str = ""
-) -> ast.AST:
+def parse_python(expression: Expression, mode: Literal["exec", "eval"] = "exec") -> ast.AST:
     """Return the syntax tree of a text, with the lines of the file. Raises ModelError."""
-    tree: ast.AST = _compiled(expression, mode, file, element, ast.PyCF_ONLY_AST)
+    tree: ast.AST = _compiled(expression, mode, "", "", ast.PyCF_ONLY_AST)
     return ast.increment_lineno(tree, max(0, expression.line - 1))
 
 

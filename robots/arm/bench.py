@@ -128,9 +128,9 @@ class Push:
     LASTS = 3.5
     """Duration of the push, s."""
 
-    def __init__(self, random: np.random.Generator, sign: float = -1.0) -> None:
+    def __init__(self, random: np.random.Generator) -> None:
         self.strength = random.normal(25.0, 2.5)
-        self._sign, self._anchor, self._time = sign, math.nan, 0.0
+        self._anchor, self._time = math.nan, 0.0
 
     def torque(self, angle: float, period: float) -> float | None:
         """Return the torque on the joint at an angle (rad), `period` s after the last call; None when it is over."""
@@ -140,7 +140,7 @@ class Push:
         if math.isnan(self._anchor):
             self._anchor = angle
         most = self.strength * min(1.0, self._time / 0.4, (self.LASTS - self._time) / 0.4)
-        lean = 0.4 * self._sign * self.strength
+        lean = -0.4 * self.strength
         wanted = lean + self.STIFFNESS * (self._anchor - angle)
         if abs(wanted) > self.strength:
             self._anchor = angle + (math.copysign(self.strength, wanted) - lean) / self.STIFFNESS

@@ -84,9 +84,9 @@ def plans() -> tuple[tuple[int, PlannedMotion], ...]:
     return tuple(made)
 
 
-def generators(seed: int, robot: str = "Arm") -> Generators:
-    """Return the generators that the world makes for a robot of this name."""
-    return Generators(*(generator(seed, robot, name) for name in Generators._fields))
+def generators(seed: int) -> Generators:
+    """Return the generators that the world makes for the robot ``Arm``."""
+    return Generators(*(generator(seed, "Arm", name) for name in Generators._fields))
 
 
 def recorded(

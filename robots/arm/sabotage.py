@@ -72,15 +72,13 @@ def knots(kind: str, millimetres: float, polygon: CutPolygon = TRIANGLE) -> list
     return _KINDS[kind](millimetres / 1000, polygon)
 
 
-def knots_of_slope(
-    slope: float, polygon: CutPolygon = TRIANGLE, part: tuple[float, float, float] = SLOPED
-) -> list[Knot]:
-    """Return the displacement of the last side if `part` of it is cut with another slope (dx/dy) and then leads
+def knots_of_slope(slope: float, polygon: CutPolygon = TRIANGLE) -> list[Knot]:
+    """Return the displacement of the last side if `SLOPED` of it is cut with another slope (dx/dy) and then leads
     straight back to the original side: below 2 it moves out (e), above 2 it moves in (g)."""
     side = len(polygon.corners) - 1
-    begin, turn, _ = part
+    begin, turn, _ = SLOPED
     dx, dy = (float(way) * (turn - begin) for way in polygon.corners[0] - polygon.corners[side])
-    return _bend(side, *part, np.array([0.0, math.copysign(abs(dx) / slope, dy) - dy]))
+    return _bend(side, *SLOPED, np.array([0.0, math.copysign(abs(dx) / slope, dy) - dy]))
 
 
 def alter(values: Floats, changes: list[Knot], chain: Chain = MH5, polygon: CutPolygon = TRIANGLE) -> Altered:
