@@ -344,9 +344,9 @@ def _draw(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None)
 
     recordings = [path for path in logs if path.suffix.lower() == ".mcap" and path.exists()][:1]
     title = arguments.scenario.stem.replace("_", " ").capitalize()
-    for recording in recordings:
-        for path in _drawings(arguments):
-            draw_film(recording, path, title=title, progress=line.count_frames if line is not None else None)
+    if drawings := _drawings(arguments):
+        for recording in recordings:
+            draw_film(recording, *drawings, title=title, progress=line.count_frames if line is not None else None)
 
 
 # ---- text ------------------------------------------------------------------------------------------------------------

@@ -56,19 +56,21 @@ def read_film(source: str | Path) -> tuple[WorldRecord, Sequence[Caption]]:
 
 
 def draw_film(
-    source: str | Path, target: Path, *, title: str = "", progress: Callable[[int, int], object] | None = None
+    source: str | Path, *targets: Path, title: str = "", progress: Callable[[int, int], object] | None = None
 ) -> None:
-    """Draw a recording as a film (.gif, .mp4), or its last frame (.png); `title`: by default the name of the file.
+    """Draw a recording as films (.gif, .mp4), or its last frame (.png); `title`: by default the name of the file.
 
     `progress` gets the number of frames drawn, and their total. Raises ConfigError as `read_film`, and for what cannot
     be written, UnavailableError if what is needed is missing.
     """
     from sim2d.animation import animate, picture
 
-    check_film(target)
+    for target in targets:
+        check_film(target)
     record, labels = read_film(source)
     title = title or Path(source).stem.replace("_", " ").capitalize()
-    if target.suffix.lower() == PICTURE:
-        picture(record, target, labels=labels, title=title)
-    else:
-        animate(record, target, labels=labels, title=title, progress=progress)
+    for target in targets:
+        if target.suffix.lower() == PICTURE:
+            picture(record, target, labels=labels, title=title)
+        else:
+            animate(record, target, labels=labels, title=title, progress=progress)
