@@ -53,7 +53,7 @@ def test_the_seed_places_them() -> None:
     assert places(1)[:4] == places(2)[:4]
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 12])
+@pytest.mark.parametrize("count", [1, 2, 12])  # three are the example, which test_agriculture runs
 def test_the_model_is_the_same_for_any_number(count: int) -> None:
     result = load(robots={"tractor": count}).run()
     assert (result.status, result.messages) == ("completed", [])
