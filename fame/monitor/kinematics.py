@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -21,6 +22,12 @@ from fame.monitor.arrays import Floats
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
+
+
+@cache
+def _angles(steps: tuple[float, ...]) -> Floats:
+    """The angle of one step of each encoder, rad."""
+    return np.asarray(2 * math.pi / np.array(steps))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +101,8 @@ class Chain:
 
     def quantised(self, values: Floats) -> Floats:
         """Round angles (rad) to the steps of the encoders."""
-        step = 2 * math.pi / np.array(self.steps)
-        return np.asarray(np.round(values / step) * step)
+        step = _angles(self.steps)
+        return np.asarray((values / step).round() * step)
 
     def _fold(self, cosine: Any, sine: Any, x: Any, y: Any, z: Any) -> Any:
         for (ox, oy, oz), (ax, ay, az), c, s in zip(

@@ -116,6 +116,7 @@ class ControlledArm:
         self._factor = generators.friction.normal(1.0, variation.friction, len(posture)) * math.exp(-COOLING * warmer)
         self._quantise = arm.chain.quantised if variation.encoders and arm.chain.steps else np.asarray
         self._deviation, self._rate = np.zeros(len(posture)), np.zeros(len(posture))
+        self._deviates = False
         self._cycle = 0
         still = np.zeros((1, len(posture)))
         self.plan = PlannedMotion(arm, JointMotion(posture[None], still, still))
@@ -174,7 +175,7 @@ class ControlledArm:
 
     def _pushed(self, at: int) -> bool:
         """Whether there is, or may be, a deviation."""
-        if self.push is not None or self._deviation.any():
+        if self.push is not None or self._deviates:
             return True
         return self.bench.touches(*self.plan.places[at])
 
@@ -194,6 +195,7 @@ class ControlledArm:
         self._deviation = self._deviation + self.period * self._rate
         if not outer.any() and max(np.abs(self._deviation).max(), np.abs(self._rate).max()) < STILL:
             self._deviation, self._rate = np.zeros_like(outer), np.zeros_like(outer)
+        self._deviates = bool(self._deviation.any())
         return np.asarray(inertia @ wanted)
 
 
