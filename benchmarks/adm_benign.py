@@ -76,7 +76,7 @@ def told(pairs: list[tuple[PathDetector, Recording]], change: Change, seed: int)
         readings = [tracker.step(row, at) for row, at in zip(changed.values.tolist(), stamps, strict=True)]
         found = [reading.kind for reading in readings if reading.anomalous]
         alarms += len(found) >= ALARM
-        kinds.update(set(found) if len(found) >= ALARM else ())
+        kinds.update(sorted(set(found)) if len(found) >= ALARM else ())
         reported.update(f"{item.kind}{'' if item.tolerated else ' (beyond)'}" for item in tracker.changes())
     return f"{alarms} of {len(pairs)}", _counts(kinds), _counts(reported)
 
