@@ -82,7 +82,7 @@ class Simulation:
             None,
         )
         # to exchange the states of the modules takes longer than most stimuli
-        self._random: AbstractContextManager[object] = ModuleRandom(seed) if mission.draws else nullcontext()
+        self._random: AbstractContextManager[object] = ModuleRandom(seed) if mission.may_use_random else nullcontext()
         self.node: RobotNode = RobotNode(
             robot,
             mission,

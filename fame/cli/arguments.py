@@ -119,7 +119,7 @@ def whole(expected: str, low: int, high: float = math.inf) -> Callable[[str], in
 
 
 natural = whole("a whole number from 0 on", 0)
-positive = number("a number above 0", math.ulp(0.0), 1e15)
+positive = number("a number above 0", math.ulp(0.0), 1e15)  # from the smallest one
 
 
 def epoch(text: str) -> datetime:

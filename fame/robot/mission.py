@@ -66,7 +66,7 @@ class Mission:
         return (node.script for _, node in self.flow_nodes() if node.script is not None)
 
     @cached_property
-    def draws(self) -> bool:
+    def may_use_random(self) -> bool:
         """Whether its Python code may use the modules `random` and `numpy.random`: services, and what texts import."""
         imports = any(b"import" in home.source.replace(b"\0", b"") for home, _ in self.processes())  # of UTF-16, too
         return imports or any(node.operation for _, node in self.flow_nodes())

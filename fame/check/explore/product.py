@@ -219,9 +219,7 @@ class Product:
 
     def _judged(self, found: list[Transition]) -> list[Transition]:
         """The transitions, with what properties make of the events in them."""
-        if self.options.monitors is None:
-            return found
-        return [self.judged(one) if one[2].successor.events or one[3] else one for one in found]  # most have neither
+        return found if self.options.monitors is None else [self.judged(transition) for transition in found]
 
     def judged(self, transition: Transition) -> Transition:
         """Return a transition, with what properties make of its events: those of its robot, then
