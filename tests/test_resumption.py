@@ -170,6 +170,15 @@ def test_it_raises_recovered_with_the_seconds_that_it_was_away(field: Durable) -
     assert field.engine.running.instances[0].visits["k"] == 1
 
 
+def test_what_recovered_has_started_is_started_once(field: Durable) -> None:
+    text = "begun = globals().get('begun', 0) + 1\nawait sleep(60)"
+    field.deploy(MISSION.replace("away = recovered", text))
+    field.crash()
+    field.start()
+    field.pass_time(2)
+    assert field.variables("A")["begun"] == 1
+
+
 def test_a_sender_that_stays_leaves_it_running(field: Durable) -> None:
     field.deploy(MISSION)
     sent: list[Any] = []

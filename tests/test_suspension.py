@@ -9,7 +9,7 @@ from deployment_field import definitions, process
 from test_resumption import POOL, Durable, request, told
 
 from fame.cli.robots import rows
-from fame.deploy import Report
+from fame.deploy import Envelope, Report
 
 ANN = "ann@desk (unverified)"
 DRIVE = definitions(
@@ -199,6 +199,34 @@ def test_a_mission_that_is_migrated_meanwhile_stays_suspended_and_a_new_deployme
     ask(field, "suspend")
     field.deploy(DRIVE, "d3", 3)
     assert (field.engine.deployed, field.said[-1].state, field.said[-1].suspended) == ("d3", "running", {})
+
+
+def test_what_a_migration_finds_in_progress_is_done_once_and_stands_still_while_suspended(field: Durable) -> None:
+    field.deploy(DRIVE, "d2", 2, migrate=True)
+    before = n(field)
+    field.pass_time(5)
+    assert n(field) == before + 5
+    ask(field, "suspend")
+    before = n(field)
+    field.pass_time(5)
+    assert n(field) == before
+    ask(field, "continue")
+    field.pass_time(5)
+    assert n(field) == before + 7  # it begins anew, and the answer takes a second
+
+
+def test_what_was_held_for_a_deployment_when_the_engine_ended_is_done_once(field: Durable) -> None:
+    told(field, "d2", 2, DRIVE, "load", migrate=True)
+    field.pass_time(1)
+    assert field.engine.running.engine.held is not None
+    field.crash()
+    field.start()
+    field.pass_time(2)
+    field.send("A", Envelope(deployment="d2", sequence=2, robot="A", phase="abort").to_json())
+    field.pass_time(1)
+    before = n(field)
+    field.pass_time(5)
+    assert (field.engine.deployed, field.engine.running.engine.held, n(field)) == ("d1", None, before + 5)
 
 
 # ---- the lease -------------------------------------------------------------------------------------------------------

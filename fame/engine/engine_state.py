@@ -70,6 +70,7 @@ class EngineState:
         self.incidents: dict[Wait, tuple[str, str]] = {}
         self.on_incident: Callable[[Wait], object] | None = None
         self.counter: int = 0
+        self.restored = 0  # its value when the state was restored: greater keys are of what began since
         self.at_once = False
         self.settled: Callable[[], object] | None = None
         self._trail: Trail = []

@@ -213,7 +213,8 @@ class Engine(EngineState):
     def restart(self) -> None:
         """Continue after `fame.engine.restore`, once: start scripts again, and tokens that wait for them."""
         for wait in sorted(self.waits.values(), key=attrgetter("key")):
-            if wait.started and wait.alive and not wait.paused:
+            runs = wait.key > self.restored  # it has begun since, or again when what held it ended
+            if wait.started and wait.alive and not (wait.paused or runs):
                 tasks.restart(self, wait)
         self.run()
 

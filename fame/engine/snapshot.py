@@ -180,7 +180,7 @@ def _objects(data: Data, of: Reader) -> None:
 def _derived(data: Data, of: Reader) -> None:
     """Set what follows from the fields."""
     engine = of.engine
-    engine.instances = of.instances
+    engine.instances, engine.restored = of.instances, engine.counter
     for item in data["scopes"]:
         scope = of.objects[item["key"]]
         scope.counts = scope.instance.counts
