@@ -7,11 +7,16 @@ from bpmn_text import document
 
 from fame.cli import main
 from fame.deploy import Report
-from fame.scenario import Result, Scenario
+from fame.middleware.network import Delay, Link, NetworkConfig, Partition
+from fame.scenario import Fault, Result, Scenario
 from fame.scenario.campaign import cause_of
 from fame.scenario.result import reported_result
 
 SIGNALS = '<signal id="Go" name="go"/><signal id="Own" name="~/go"/><message id="Order" name="order"/>'
+ODOMETRY = (
+    '<extensionElements><camunda:properties><camunda:property name="type" value="nav_msgs/msg/Odometry"/>'
+    "</camunda:properties></extensionElements>"
+)
 OPTIONAL = (
     '<extensionElements><camunda:properties><camunda:property name="optional" value="true"/></camunda:properties>'
     "</extensionElements>"
@@ -109,16 +114,73 @@ def test_a_cycle_that_is_over_before_the_beginning_keeps_nobody(tmp_path: Path) 
 
 
 def test_a_robot_whose_engine_dies_starts_no_more(tmp_path: Path) -> None:
-    from fame.scenario import Fault
-
     pools = pool("A", started_by("timeCycle", "R3/PT2S")), pool("B", "")
     result = run(tmp_path, *pools, faults=[Fault("A", 3.0, "engine")])
     assert (result.status, completed(result), result.simulated) == ("completed", {"A": 1, "B": 1}, 3.0)
 
 
-# ---- what never started ----------------------------------------------------------------------------------------------
+# ---- what is under way, or promised ----------------------------------------------------------------------------------
 
 ON_GO = '<signalEventDefinition signalRef="Go"/>'
+SAYS_GO = 'await sleep(1)\nrobot.publish("/go", "std_msgs/msg/Empty")'
+
+
+@pytest.mark.parametrize(
+    ("network", "end"),
+    [
+        (NetworkConfig((Link(Delay("fixed", 0.05)),)), 1.55),
+        (NetworkConfig((Link(Delay("fixed", 0.05), loss=0.9),)), 1.75),  # sent again
+        (NetworkConfig(partitions=(Partition(("A", "B"), 0, 8),)), 8.5),  # held back
+    ],
+    ids=["delayed", "sent again", "held back"],
+)
+def test_a_run_is_not_over_while_a_message_that_starts_a_process_is_under_way(
+    tmp_path: Path, network: NetworkConfig, end: float
+) -> None:
+    result = run(tmp_path, pool("A", "", work=SAYS_GO), pool("B", ON_GO), network=network)
+    assert (result.status, completed(result), result.simulated) == ("completed", {"A": 1, "B": 1}, end)
+
+
+def test_nor_while_an_acknowledged_signal_is_owed_to_who_starts_by_it(tmp_path: Path) -> None:
+    head = (
+        '<extensionElements><camunda:properties><camunda:property name="delivery" value="acknowledged"/>'
+        f"</camunda:properties></extensionElements>{ON_GO}"
+    )
+    throw = (
+        '<process id="A_b" isExecutable="true"><startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
+        f'<intermediateThrowEvent id="t">{head}</intermediateThrowEvent></process>'
+    )
+    cut = NetworkConfig(partitions=(Partition(("A", "B"), 0, 15),))  # longer than the lease: what is sent is lost
+    result = run(tmp_path, (pool("A", "")[0], throw), pool("B", ON_GO), network=cut)
+    assert (result.status, completed(result)) == ("completed", {"A": 1, "B": 1})
+
+
+@pytest.mark.parametrize(
+    ("start", "faults"), [("", []), (ON_GO, [Fault("B", 0.5, "engine")])], ids=["starts otherwise", "its engine died"]
+)
+def test_a_message_that_nobody_can_take_keeps_no_run(tmp_path: Path, start: str, faults: list[Fault]) -> None:
+    network = NetworkConfig((Link(Delay("fixed", 5.0)),))
+    pools = pool("A", "", work=SAYS_GO), pool("B", start, head=OPTIONAL)
+    assert run(tmp_path, *pools, network=network, faults=faults).simulated == 1.0
+
+
+def test_what_the_world_publishes_all_the_time_keeps_no_run(tmp_path: Path) -> None:
+    start = '<signalEventDefinition signalRef="Odom"/>'
+    signals = '<signal id="Odom" name="/A/odom"/>'
+    drawn, bodies = zip(pool("A", "", work="await sleep(2.03)"), pool("B", start, work="pass"), strict=True)
+    typed = f'<startEvent id="B_s0">{ODOMETRY}'
+    text = "".join(bodies).replace('<startEvent id="B_s0">', typed)
+    (tmp_path / "m.bpmn").write_text(document(f'{signals}<collaboration id="C">{"".join(drawn)}</collaboration>{text}'))
+    (tmp_path / "s.yaml").write_text(
+        "model: m.bpmn\nnetwork: {delay: 0.2}\n"
+        "world: {size: [9, 9], robots: {A: {type: car, at: [1, 1]}, B: {type: car, at: [4, 4]}}}\n"
+    )
+    result = Scenario.load(tmp_path / "s.yaml", duration=20).run()
+    assert (result.status, result.simulated < 3) == ("completed", True)
+
+
+# ---- what never started ----------------------------------------------------------------------------------------------
+
 ON_ITS_GO = '<signalEventDefinition signalRef="Own"/>'
 
 

@@ -14,7 +14,7 @@ one after the other. Everything happens in the thread of the scheduler; other th
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
@@ -112,6 +112,14 @@ class LocalMiddleware:
             info = topic.info()
             raise type_conflict(name, topic.type, (*info.publishers, *info.subscribers), type)
         return topic
+
+    def under_way(self, ignored: Collection[LocalNode]) -> Iterator[LocalSubscription]:
+        """Yield subscriptions that a message is on its way to, not of topics that a node of `ignored` publishes."""
+        on_network = self.network.under_way if self.network is not None else {}
+        for topic in self.topics.values():
+            if not any(end.node in ignored for end in topic.publishers):
+                ends = topic.subscriptions
+                yield from (end for end in ends if end.queued or on_network.get((end.node.namespace, topic.name)))
 
     def tap(self, tap: Callable[[LocalPublisher], Callable[[AnyMessage], object] | None]) -> None:
         """Observe topics without an endpoint: the function that `tap` returns for a publisher gets its messages.
@@ -325,6 +333,11 @@ class LocalSubscription:
             self.lost += self._counts
         queue.append(message)
         self._soon(self._deliver)
+
+    @property
+    def queued(self) -> int:
+        """Messages that wait for their entry of the scheduler."""
+        return len(self._queue)
 
     @property
     def is_open(self) -> bool:

@@ -101,7 +101,7 @@ class NetworkConfig:
 
 
 class Network:
-    """The network while a scenario runs. `lost` counts messages by (from, to, topic)."""
+    """The network while a scenario runs. `lost` counts messages by (from, to, topic), `under_way` by (to, topic)."""
 
     config: NetworkConfig
     scheduler: Scheduler
@@ -109,6 +109,7 @@ class Network:
     def __init__(self, config: NetworkConfig, seed: int, scheduler: Scheduler) -> None:
         self.config, self.scheduler = config, scheduler
         self.lost: Counter[tuple[str, str, str]] = Counter()
+        self.under_way: Counter[tuple[str, str]] = Counter()
         self._seed = seed
 
     def partition(self, pair: _Pair, time: int) -> Partition | None:
@@ -161,6 +162,7 @@ class RobotChannel:
     def send(self, deliver: Callable[[], object]) -> None:
         """Send a message: `deliver` is called when it arrives, if it does."""
         now = self._scheduler.now
+        self._network.under_way[self._pair[1], self._topic] += 1
         if self._cut(now, deliver):
             return
         delay = self._link.delay.sample(self._random)
@@ -179,6 +181,7 @@ class RobotChannel:
     def _arrive(self, deliver: Callable[[], object]) -> None:
         """Deliver a message, unless a partition began while it was on its way."""
         if not self._cut(self._scheduler.now, deliver):
+            self._network.under_way[self._pair[1], self._topic] -= 1
             deliver()
 
     def _cut(self, now: int, deliver: Callable[[], object]) -> bool:
@@ -200,11 +203,13 @@ class RobotChannel:
     def _release(self) -> None:
         """Send the delayed messages at the end of the partition."""
         held, self._held = list(self._held), deque(maxlen=self._held.maxlen)
+        self._network.under_way[self._pair[1], self._topic] -= len(held)
         for deliver in held:
             self.send(deliver)
 
     def _lose(self) -> None:
         self._network.lost[*self._pair, self._topic] += 1
+        self._network.under_way[self._pair[1], self._topic] -= 1
 
 
 class NetworkedSubscription:

@@ -156,6 +156,16 @@ class AcknowledgedSignals:
             self._handle(name, Tick(self._node.scheduler.now, (robot,)))
         self.throw(name, message, robot)
 
+    @property
+    def owed(self) -> list[tuple[str, str]]:
+        """Robots that are still to get signals of this one, with the qualified names of their topics."""
+        return [
+            (receiver.robot, name)
+            for name, state in self.outgoing.items()
+            for receiver in state.receivers
+            if any(state.owed(receiver))
+        ]
+
     def _on_answer(self, name: str, found: Mapping[str, Any]) -> None:
         event = Answered(
             _text(found["robot"]), _text(found["life"]), _text(found["sender"]), _number(found["number"]),

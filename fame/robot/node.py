@@ -23,7 +23,7 @@ from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, MISSION, Middleware, Node, resolve
 from fame.robot.acknowledged import AcknowledgedSignals
-from fame.robot.endpoints import Endpoints
+from fame.robot.endpoints import Endpoints, direct_topic
 from fame.robot.events import Event
 from fame.robot.host import EngineHost
 from fame.robot.mission import Mission
@@ -243,6 +243,11 @@ class RobotNode:
         """The timers of start events that will still fire: key -> when (ns)."""
         times = {key: self.host.timers.due(key) for key in self.engine.armed_starts}
         return {key: time for key, time in times.items() if time is not None}
+
+    @property
+    def start_topics(self) -> set[str]:
+        """Full names of the topics on which a message of another node may start the process."""
+        return {way(name, self.namespace) for name in self.engine.program.starts for way in (resolve, direct_topic)}
 
     def waiting_tokens(self, most: int | None = None) -> list[WaitingToken]:
         """Return the waiting tokens, at most `most`, and what each waits for.

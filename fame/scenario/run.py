@@ -18,7 +18,7 @@ from fame.errors import ConfigError, MissionError
 from fame.gc_tuning import MemoryGrowth, former_exempt, rarely_collected
 from fame.middleware import messages, qos
 from fame.middleware.interface import Publisher
-from fame.middleware.local import LocalMiddleware
+from fame.middleware.local import LocalMiddleware, LocalNode
 from fame.middleware.network import Network
 from fame.monitor.services import SERVICES, WATCH
 from fame.randomness import ModuleRandom, robot_random
@@ -97,6 +97,7 @@ class Run:
         self._outside, self._published = self.middleware.node("outside"), 0
         self._last_looks: list[Callable[[], None]] = []  # at the world, for recordings
         self.world: World | None = self._build_world()
+        self._world_nodes: set[LocalNode] = {*self.middleware.nodes} - {self._outside}
         try:
             self.nodes: list[RobotNode] = self._build_nodes(strict)
             self._check_faults()
@@ -184,12 +185,26 @@ class Run:
 
     @property
     def over(self) -> bool:
-        """Whether a process has run, none is running, and no timer or signal from outside is still to come."""
+        """Whether a process has run, none is running, and no timer, message or signal from outside is still to come."""
         return (
             any(node.started for node in self.nodes)
             and self._published == len(self.scenario.signals)
             and not any(node.engine.instances or node.pending_starts for node in self.nodes)
+            and not self._message_to_come()
         )
+
+    def _message_to_come(self) -> bool:
+        """Whether a message, under way or promised, may still start a process or reach a robot of the world.
+
+        What the world publishes does not count: it never ends.
+        """
+        live = {node.name: node for node in self.nodes if node.name not in self.dead}
+        engines: dict[Any, RobotNode] = {node.node: node for node in live.values()}
+        owed = (pair for node in live.values() if node.acknowledged is not None for pair in node.acknowledged.owed)
+        return any(
+            end.node in self._world_nodes or (end.node in engines and end.topic in engines[end.node].start_topics)
+            for end in self.middleware.under_way(self._world_nodes)
+        ) or any(robot in live and name in live[robot].engine.program.starts for robot, name in owed)
 
     @property
     def stuck(self) -> bool:
