@@ -62,7 +62,7 @@ FOLLOWS: dict[type, set[str]] = {
     Instance: {"program", "status", "scopes"},  # only running ones are there; scopes are counted
     EngineState: {
         "program", "host", "new_variables", "on_incident", "settled", "at_once", "parameters",  # the host's
-        "instances", "ready", "unsettled", "suspensions",  # a list of its own;
+        "instances", "ready", "unsettled", "suspensions", "restored",  # a list of its own; the counter
         "_trail", "place", "emit",  # nothing between two stimuli
     },
 }  # fmt: skip
