@@ -159,10 +159,18 @@ def test_other_languages_are_refused_by_name() -> None:
         ("m = await receive('odom')\ns = [k * i for k in m.xs]", {"m", "i"}, {"m", "s"}),
         ("robot = 1", set(), {"robot"}),
         ("for i in xs: print(i)", {"i", "xs"}, {"i"}),
+        ("async for m in receive(t): x = [i async for i in m]", {"t", "m"}, {"m", "x"}),
+        ("async with a as b:\n  def f(c=(await b).d): return c", {"a", "b"}, {"b"}),
+        ("x: int = 1\nif x: y: float = z", {"x", "z"}, {"x", "y"}),
     ],
 )
 def test_the_names_that_a_script_reads_and_writes_are_known(text: str, reads: set[str], writes: set[str]) -> None:
     assert script_names(Expression(text), script=True) == (reads, writes)
+
+
+def test_a_script_that_parses_and_does_not_compile_is_an_error_of_the_model() -> None:
+    with pytest.raises(ModelError, match=r"line 8: .*assigned to before global declaration: `global x`"):
+        script_names(Expression("x = 1\nglobal x", line=7), script=True)
 
 
 @pytest.mark.parametrize(

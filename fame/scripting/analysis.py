@@ -12,12 +12,12 @@ import symtable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, cast
 
 from fame.bpmn.model import Expression
 from fame.scripting.interface import interface
 from fame.scripting.languages import parse_expression
-from fame.scripting.python import called_name, parse_python
+from fame.scripting.python import called_name, compile_python, parse_python
 from fame.scripting.transforms import TF, TOPICS
 
 # ---- variables -------------------------------------------------------------------------------------------------------
@@ -37,8 +37,9 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
     if expression.language != "python":
         return frozenset(parse_expression(expression)[1]) - {"robot"}, frozenset()
     tree = parse_python(expression, "exec" if script else "eval")
-    top = symtable.symtable(ast.unparse(tree), "<script>", "exec")
+    top = _symbols(expression, tree)
     inner = _comprehended(tree)  # CPython 3.12 counts them among the names around the comprehension
+    inner.add("__conditional_annotations__")  # which `x: int = 1` reads from 3.14 on
     code = _code(top)
     reads, writes = set[str](), set[str]()
     for table in _tables(top):
@@ -62,7 +63,33 @@ def code_names(script: Expression) -> frozenset[str]:
         return frozenset()
     tree = parse_python(script)
     everything = any(isinstance(node, ast.ImportFrom) and node.names[0].name == "*" for node in ast.walk(tree))
-    return _code(symtable.symtable(ast.unparse(tree), "<script>", "exec")) | ({"*"} if everything else set())
+    return _code(_symbols(script, tree)) | ({"*"} if everything else set())
+
+
+def _symbols(expression: Expression, tree: ast.AST) -> symtable.SymbolTable:
+    """The symbols of a parsed text. Raises ModelError for what parses and does not compile (``global x`` too late)."""
+    try:
+        return symtable.symtable(ast.unparse(_Synchronous().visit(tree)), "<script>", "exec")
+    except SyntaxError:
+        compile_python(expression, "exec" if isinstance(tree, ast.Module) else "eval")
+        raise
+
+
+class _Synchronous(ast.NodeTransformer):
+    """The same names without ``async`` and ``await``, which `symtable` refuses at the top level from Python 3.14 on."""
+
+    def visit_Await(self, node: ast.Await) -> ast.AST:
+        return cast("ast.AST", self.visit(node.value))
+
+    def visit_AsyncFor(self, node: ast.AsyncFor) -> ast.AST:
+        return self.generic_visit(ast.For(**dict(ast.iter_fields(node)), lineno=node.lineno))
+
+    def visit_AsyncWith(self, node: ast.AsyncWith) -> ast.AST:
+        return self.generic_visit(ast.With(**dict(ast.iter_fields(node)), lineno=node.lineno))
+
+    def visit_comprehension(self, node: ast.comprehension) -> ast.AST:
+        node.is_async = 0
+        return self.generic_visit(node)
 
 
 def _code(table: symtable.SymbolTable) -> frozenset[str]:

@@ -25,7 +25,7 @@ MINUTE, HOUR, DAY = 60 * SECOND, 3600 * SECOND, 86_400 * SECOND
 """Lengths of the units of durations (ns)."""
 
 _DATE = r"(?P<date>\d{4}-\d\d-\d\d)"
-_TIME = r"T?(?P<time>\d\d:\d\d(?::\d\d(?:\.\d{1,30})?)?)"
+_TIME = r"T?(?P<time>(?!24)\d\d:\d\d(?::\d\d(?:\.\d{1,30})?)?)"
 _ZONE = r"(?P<offset>Z|[+-]\d\d:\d\d(?::\d\d)?)?(?:@(?P<named>[\w/+-]+)|\[(?P<bracketed>[\w/+-]+)\])?"
 _MOMENT = re.compile(rf"(?:{_DATE}(?=T|$))?(?:{_TIME}{_ZONE})?")
 _LONGEST = 10**15
