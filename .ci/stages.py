@@ -146,26 +146,14 @@ def system_python() -> str:
     return "python3"
 
 
-def python_of(version: str) -> str:
-    """Name a Python of this version, or nothing."""
-    managed = (
-        sorted(Path.home().glob(f".pyenv/versions/{version}*/bin/python{version}")) if "HOME" in os.environ else []
-    )
-    for program in (f"python{version}", *map(str, managed)):
-        if (
-            shutil.which(program)
-            and subprocess.run([program, "-c", ""], capture_output=True, check=False).returncode == 0
-        ):
-            return program
-    return ""
+def no_python(version: str) -> str:
+    there = subprocess.run([".ci/python", version], check=False).returncode == 0
+    return "" if there else f"there is no Python {version}"
 
 
 def other_python(version: str) -> Stage:
     """The fast tests on another Python."""
-    return Stage(
-        lambda: make("test-python", f"VERSION={version}", f"INTERPRETER={python_of(version)}"),
-        lambda: "" if python_of(version) else f"there is no Python {version}",
-    )
+    return Stage(lambda: make("test-python", f"VERSION={version}"), lambda: no_python(version))
 
 
 def no_browser() -> str:
@@ -194,8 +182,11 @@ def with_ros() -> list[str]:
 
 
 def fastdds() -> list[str]:
-    environment = " ".join(make(".venv-fastdds/installed", f"PYTHON312={python_of('3.12')}"))
-    return ["bash", "-c", f"{environment} && exec {' '.join(map(quoted, on_loopback(make('test-fastdds'))))}"]
+    return [
+        "bash",
+        "-c",
+        f"make .venv-fastdds/installed && exec {' '.join(map(quoted, on_loopback(make('test-fastdds'))))}",
+    ]
 
 
 def quoted(word: str) -> str:
@@ -218,9 +209,8 @@ STAGES: dict[str, Stage] = {
     "wheel": Stage(lambda: [".ci/wheel"]),
     "python-3.12": other_python("3.12"),
     "python-3.13": other_python("3.13"),
-    "fastdds": Stage(
-        fastdds, lambda: "" if python_of("3.12") else "there is no Python 3.12, for which PyPI has Fast DDS"
-    ),
+    "python-3.14": other_python("3.14"),
+    "fastdds": Stage(fastdds, lambda: no_python("3.12")),  # for which PyPI has it
     "ros": Stage(with_ros, no_ros),
     **{f"attack-{part}": attack(part) for part in range(1, ATTACKS + 1)},
 }
@@ -234,13 +224,24 @@ LANDING = [
     ["test-browser"],
     ["test-node"],
 ]
-ROTATING = ("attack-1", "attack-2", "attack-3", "attack-4", "wheel", "python-3.12", "python-3.13", "fastdds", "ros")
+ROTATING = (
+    "attack-1",
+    "attack-2",
+    "attack-3",
+    "attack-4",
+    "wheel",
+    "python-3.12",
+    "python-3.13",
+    "python-3.14",
+    "fastdds",
+    "ros",
+)
 NIGHTLY = ROTATING
 CHANGED = (
     ("ros", ("fame/middleware/ros/*", "launch/*", "package.xml", "CMakeLists.txt")),
     ("fastdds", ("fame/middleware/dds/*",)),
     ("wheel", ("pyproject.toml", ".ci/wheel", "fame/cli/new*", "fame/project*")),
-    ("python-3.13", ("fame/scripting/*",)),
+    ("python-3.14", ("fame/scripting/*",)),
     ("attack-1", ("fame/deploy/*", "fame/middleware/*")),
 )
 """Which stage a landing has for changed paths, the most particular first."""
