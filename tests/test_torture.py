@@ -55,6 +55,7 @@ def test_what_runs_beside_the_robots_is_struck_while_it_runs() -> None:
         ("a promise that is not read again", "seed_727"),
         ("a start before its record", "seed_253789720"),
         ("a robot that stops listening", "seed_2723"),
+        ("work twice after a migration", "work_twice"),
     ],
 )
 def test_a_planted_bug_is_found(name: str, file: str) -> None:

@@ -52,6 +52,7 @@ class Fabric:
         self.twice = 0.0  # probability that a message of a protocol which repeats itself arrives again
         self.struck: Counter[str] = Counter()
         self.published: dict[str, list[tuple[float, str, AnyMessage]]] = {}  # topic -> (s, process, message)
+        self.on_published: dict[str, Callable[[], object]] = {}  # by topic
 
     def join(self, process: Process) -> Wire:
         """The middleware of a new process."""
@@ -432,6 +433,8 @@ class Publisher(End):
         self._kept.append(message)
         fabric = self.wire.fabric
         fabric.published.setdefault(self.topic, []).append((fabric.scheduler.now / SECOND, self.wire.id, message))
+        if self.topic in fabric.on_published:
+            fabric.on_published[self.topic]()
         if self.matched and not self._processes:
             for subscription in self.matched:
                 self._processes.setdefault(subscription.wire, []).append(subscription)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 
 from fame.clock import SECOND
 
-from .missions import version_of
+from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
 from .processes import ids_of
@@ -38,6 +38,7 @@ def _judge(team: Team) -> list[str]:
         *alarms(team),
         *goals(team),
         *repairs(team),
+        *works(team),
     ]
     for robot in team.robots.values():
         for _ in range(15):  # of 50 messages that wait, ten need it
@@ -227,8 +228,19 @@ def repairs(team: Team) -> Iterator[str]:
             yield f"{process} has answered {', '.join(sorted(found))} to {request}"
 
 
+def works(team: Team) -> Iterator[str]:
+    """What is in progress is done once at a time: where a copy of it has begun, no other one of the process goes on."""
+    copies: dict[str, list[int]] = {}
+    for _, process, message in team.fabric.published.get(WORK, ()):
+        begun = copies.setdefault(process, [message.data])
+        if message.data in begun[:-1]:
+            yield f"{process} does its work in two copies"
+        elif message.data != begun[-1]:
+            begun.append(message.data)
+
+
 _SUSPENDING = {
-    "cut", "match", "stop", "loss", "migrate", "full", "read-only", "kill",
+    "cut", "match", "stop", "loss", "migrate", "full", "read-only", "kill", "suspend",
     "kill sender", "stop sender", "kill splitter", "stop splitter",
 }  # fmt: skip
 """What makes robots hold, or lose the server: a goal is cancelled then, and sent again."""

@@ -45,10 +45,12 @@ def _listening(id: str, version: int, *, breaks: bool, watched: bool) -> str:
     )  # fmt: skip
 
 
-def _counting(version: int, payload: str, *, drives: bool) -> str:
-    task, flows = "", ("count>say",)
+def _counting(version: int, payload: str, *, drives: bool, works: bool) -> str:
+    task, flows, first = "", ("count>say",), ("begin>pause",)
     if drives:
         task, flows = _DRIVE, ("count>go", "go>say", "gone>say")
+    if works:
+        task, first = task + _WORK, ("begin>both", "both>pause", "both>work")
     return _process(
         "pa",
         f'<startEvent id="sa"/><scriptTask id="begin"><script>n = {1000 * version}</script></scriptTask>'
@@ -57,7 +59,7 @@ def _counting(version: int, payload: str, *, drives: bool) -> str:
         '<scriptTask id="count"><script>n = n + 1</script></scriptTask>'
         + task
         + _signal("intermediateThrowEvent", "say", payload),
-        "sa>begin", "begin>pause", "pause>count", *flows, "say>pause",
+        "sa>begin", *first, "pause>count", *flows, "say>pause",
     )  # fmt: skip
 
 
@@ -72,20 +74,27 @@ _DRIVE = (
     '</extensionElements></serviceTask><boundaryEvent id="gone" attachedToRef="go"><errorEventDefinition/>'
     "</boundaryEvent>"
 )
+WORK = "/work"
+_WORK = (
+    '<parallelGateway id="both"/><scriptTask id="work"><script>for copy in [robot.random.randrange(10**9)] * 999:\n'
+    f'    robot.publish("{WORK}", "std_msgs/msg/Int32", {{"data": copy}})\n    await sleep(0.5)</script></scriptTask>'
+)
+"""What goes on beside the counts: each copy of it publishes a number of its own, whatever else sets the variable."""
 
 
 def text(version: int, more: str = "") -> str:
     """A counts, and says its count on `/tick`; the others keep the counts that they receive.
 
     `more`: with ``drives`` A has a goal for each count; with ``breaks`` C needs somebody now and then; with
-    ``acknowledges`` each count is acknowledged within 5 s; with ``watched`` B keeps the alarms of `monitor.yaml`.
+    ``acknowledges`` each count is acknowledged within 5 s; with ``watched`` B keeps the alarms of `monitor.yaml`; with
+    ``works`` a script of A publishes on `WORK` all the time.
     """
     payload = (
         '<camunda:property name="type" value="std_msgs/msg/Int32"/><camunda:property name="payload" value="${n}"/>'
     )
     if "acknowledges" in more:
         payload += '<camunda:property name="delivery" value="acknowledged"/><camunda:property name="ttl" value="5"/>'
-    counting = _counting(version, payload, drives="drives" in more)
+    counting = _counting(version, payload, drives="drives" in more, works="works" in more)
     listening = "".join(
         _listening(
             f"p{name.lower()}",

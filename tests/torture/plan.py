@@ -125,6 +125,7 @@ def draw(seed: int) -> Plan:
             step = _when(chance, moments, _fault(chance, kind, min(begun)))
             steps += _everywhere(chance, step) if kind in _OF_ROBOTS else [step]
     steps += _added(random.Random(f"added {seed}"), moments, min(begun), durable=bool(durable))
+    steps += _working(random.Random(f"works {seed}"), moments, min(begun))
     if signed and "splitter" in {step.kind for step in steps}:  # what is signed later has to be dated later
         steps = [step for step in steps if not (step.kind in ("clock", "drift") and step.target == DESK)]
     heal = chance.choice((12.0, 20.0, 30.0, LONG))  # many short runs try more than a few long ones
@@ -141,6 +142,14 @@ def _added(chance: random.Random, moments: list[tuple[float, str]], begun: float
     for kind in [kind for kind in ("twice", *MONITOR * watched, *RARE * durable) if chance.random() < 0.3]:
         steps += [_when(chance, moments, _fault(chance, kind, begun)) for _ in range(chance.randint(1, 3))]
     return steps
+
+
+def _working(chance: random.Random, moments: list[tuple[float, str]], begun: float) -> list[Step]:
+    """Something that goes on all the time, and a person who suspends it for a while."""
+    if chance.random() > 0.3:
+        return []
+    steps = [Step(_rounded(chance.uniform(begun, 30)), "suspend", "A", _rounded(chance.uniform(1, 15)))]
+    return [Step(0.0, "works"), *(_when(chance, moments, step) for step in steps * chance.randint(0, 2))]
 
 
 def _varied(plan: Plan, seed: int, chance: random.Random) -> Plan:

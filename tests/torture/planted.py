@@ -15,6 +15,7 @@ from fame.deploy.envelope import Envelope
 from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskServer
 from fame.deploy.resumption import _PROMISE, StateKeeper
+from fame.engine import Engine, tasks
 from fame.gc_tuning import uncollected
 from fame.robot import acknowledged, delivery_protocol, journal
 from fame.robot.acknowledged import AcknowledgedSignals
@@ -212,6 +213,18 @@ def _again_after_migration(original: Any) -> Any:
     return lambda self: None
 
 
+def _started_again(original: Any) -> Any:
+    """What a restored state continues starts again, though what ended a hold has started it."""
+
+    def restart(self: Engine) -> None:
+        for wait in list(self.waits.values()):
+            if wait.started and wait.alive and not wait.paused:
+                tasks.restart(self, wait)
+        self.run()
+
+    return restart
+
+
 def _some_dropped(original: Any) -> Any:
     """Every tenth message is lost on its way to the engine."""
 
@@ -302,6 +315,7 @@ BUGS: dict[str, Bug] = {
     "a ready robot that says aborted": (termination, "reply", _ready_is_aborted),
     "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
     "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
+    "work twice after a migration": (Engine, "restart", _started_again),
     "a message that is dropped": (RobotNode, "on_message", _some_dropped),
     "a robot that stops listening": (RobotNode, "on_message", _deaf_in_the_end),
     "an alarm that is dropped": (RobotNode, "on_message", _alarms_dropped),

@@ -38,7 +38,7 @@ from fame.robot.journal import StateDirectory
 
 from .disks import PowerLoss
 from .fabric import Fabric, Wire
-from .missions import DRIVE, ROBOTS, mission, text
+from .missions import DRIVE, ROBOTS, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
 from .processes import Machine, Process, Timeline
 
@@ -135,6 +135,7 @@ class Team:
 
     def __post_init__(self) -> None:
         self.fabric = Fabric(self.scheduler, self.plan.seed)
+        self.fabric.on_published[WORK] = self._on_work
         self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*ROBOTS, DESK)}
         self.robots = {name: Robot(name, self.machines[name]) for name in ROBOTS}
         self.more = ""  # what the missions have: see `missions.text`
@@ -242,7 +243,7 @@ class Team:
                 self.deploy(step.value, migrates=step.kind == "migrate")
             case "diagram":
                 self.publish_diagram(step.value)
-            case "drives" | "breaks" | "acknowledges" | "watched":
+            case "drives" | "breaks" | "acknowledges" | "watched" | "works":
                 self.more = f"{self.more}{step.kind} "
                 if step.kind in _HELPERS:
                     self._start(self.programs[_HELPERS[step.kind]])
@@ -250,6 +251,8 @@ class Team:
                 self._start(self.programs[step.target])
             case "repair":
                 return self.repair(self.robots[step.target], step.value)
+            case "suspend":
+                return self.suspend(self.robots[step.target], step.value)
             case kind if kind.endswith(PROGRAMS):
                 return self._strike_program(self._program(step), step.kind[:4], step.value)
             case "keys":
@@ -471,6 +474,12 @@ class Team:
             self.expired[found[1]] += int(found[2] or 1)
             self.note(f"{event.robot}: {event.detail}")
 
+    def _on_work(self) -> None:
+        """What A does is never done while its mission is held."""
+        engine = self.robots["A"].engine
+        if engine is not None and engine.running is not None and engine.running.engine.held is not None:
+            self.problems.append("A works while its mission is suspended")
+
     def _recording(self, robot: Robot, process: Process) -> EngineLog | None:
         """The recording of an engine."""
         if self.log is None:
@@ -648,22 +657,32 @@ class Team:
         """A person mends what has failed: ``fame set`` and ``fame retry``, or ``fame move``, each for at most 5 s."""
         if robot.engine is None or robot.engine.state != "incident":
             return False
-        process, wire = self._process("person", self.machines[DESK])
-        requests = [TaskRequest(id=f"{process.name} move", element="pcwork", act="move", to="pckeep")]
         if how == "retry":
-            requests = [
-                TaskRequest(id=f"{process.name} set", element="", act="set", values={"mended": 1}),
-                TaskRequest(id=f"{process.name} retry", element="pcwork", act="retry"),
-            ]
+            self._ask(robot, {"act": "set", "values": {"mended": 1}}, {"act": "retry", "element": "pcwork"})
+        else:
+            self._ask(robot, {"act": "move", "element": "pcwork", "to": "pckeep"})
+        return True
+
+    def suspend(self, robot: Robot, seconds: float) -> bool:
+        """``fame suspend``, and after a while ``fame continue``."""
+        if robot.engine is None or robot.engine.running is None:
+            return False
+        self._ask(robot, {"act": "suspend"})
+        self._later(seconds, partial(self._ask, robot, {"act": "continue"}))
+        return True
+
+    def _ask(self, robot: Robot, *requests: dict[str, Any]) -> None:
+        """A person makes requests, each when the one before is answered, for 11 s."""
+        process, wire = self._process("person", self.machines[DESK])
+        asked = [TaskRequest(**{"id": f"{process.name} {one['act']}", "element": "", **one}) for one in requests]
         asking: list[TaskClient] = []
-        self._request(robot.name, process, wire, requests, asking)
+        self._request(robot.name, process, wire, asked, asking)
 
         def leave() -> None:
             asking[-1].close()
             self._end_process(wire)
 
         self._later(11.0, leave)
-        return True
 
     def _request(
         self, robot: str, process: Process, wire: Wire, requests: list[TaskRequest], asking: list[TaskClient]
