@@ -1,5 +1,6 @@
 """Recordings as CSV files, and the runs in them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from arm_data import BENIGN, BOTH, needs_data, recording
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.recording import Recording, in_joint_order, merge, of_runs, read_csv, write_csv
+from fame.monitor.data_files import read_runs
 
 
 def made(label: int = 1) -> Recording:
@@ -73,6 +75,22 @@ def test_merging_keeps_labels_and_numbers_the_runs_on(tmp_path: Path):
     write_csv(tmp_path / "b.csv", made(-1))
     both = merge([tmp_path / "a.csv", tmp_path / "b.csv"])
     assert (both.run_labels(), both.runs.tolist()) == ([1, 1, -1, -1], [0, 0, 1, 2, 2, 3])
+
+
+def test_a_repeated_header_begins_another_file_and_lines_are_counted_with_it(tmp_path: Path):
+    for name, label in (("a", 1), ("b", -1), ("c", 7)):
+        write_csv(tmp_path / f"{name}.csv", replace(made(label).select([0]), stamps=np.array([0.0, 1.0])))
+    first, second, wrong = ((tmp_path / f"{name}.csv").read_text() for name in "abc")
+    (tmp_path / "both.csv").write_text(first + second)
+    both = read_csv(tmp_path / "both.csv")
+    assert (both.run_labels(), both.runs.tolist()) == ([1, -1], [0, 0, 1, 1])
+    assert [len(run) for run in read_runs([tmp_path / "both.csv"])] == [2, 2]
+    (tmp_path / "both.csv").write_text(first + wrong)
+    with pytest.raises(ConfigError, match=r"both\.csv:5: expected the label"):
+        read_csv(tmp_path / "both.csv")
+    (tmp_path / "both.csv").write_text(first + second.replace("s,l", "l,s"))
+    with pytest.raises(ConfigError, match=r"both\.csv:4: is another header than the first one"):
+        read_csv(tmp_path / "both.csv")
 
 
 def test_joints_come_in_the_order_of_a_model_and_others_are_refused():

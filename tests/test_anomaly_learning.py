@@ -1,5 +1,6 @@
 """Learning: the file, the table, the best model, and how it is stored."""
 
+import pickle
 import re
 from dataclasses import replace
 from functools import cache
@@ -20,7 +21,8 @@ from sklearn.svm import SVC, OneClassSVM
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import _HOMES, HEADS, TRAIN, VALIDATION, OutputMatrix, expand_candidates, rows
-from fame.monitor.anomaly.learn import Interface, best, checked, learn, read_data
+from fame.monitor.anomaly.interface import Interface
+from fame.monitor.anomaly.learn import best, checked, learn, read_data
 from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.live import RunMonitor
 from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
@@ -195,13 +197,47 @@ def test_without_anomalous_runs_the_best_raises_the_fewest_false_alarms(folder: 
     assert best([worse_one, one]) is one
 
 
-def test_the_published_script_works(folder: Path, capsys: pytest.CaptureFixture[str]):
-    interface = Interface(folder / "published.yaml")
+def published(folder: Path) -> Interface:
+    """The first three steps of the published script."""
+    interface = Interface(folder / "published.yaml", folder / "stored")
     interface.genmodel_train([("ocsvm", OneClassSVM(nu=0.1, gamma=5))], [("rbfsvm1", SVC(gamma=20, C=100))])
-    unsupervised, supervised = interface.get_testing_predictions()
+    return interface
+
+
+def test_the_published_script_stores_classifiers_that_judge_as_they_did_in_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    unsupervised, supervised = published(folder).get_testing_predictions()
     assert (list(unsupervised[0]), list(supervised[0])) == (["ocsvm"], ["rbfsvm1"])
     assert (supervised[0]["rbfsvm1"] == np.repeat([1, 1, -1], 60)).mean() > 0.99
-    assert "train (learned from)" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "train (learned from)" in printed
+    for name, labels in {**unsupervised[0], **supervised[0]}.items():
+        model = Model.load(folder / "stored" / f"{name}.skops")
+        assert model.alarm_text() in printed
+        assert model.predict(read_csv(folder / "test.csv")).tolist() == labels.tolist()
+        judged = judge_recordings(model, [folder / "test.csv"], name)
+        assert [run.verdict for run in judged.runs] == ["benign", "benign", "anomalous"]
+
+
+def test_a_kind_of_classifiers_without_a_file_is_not_trained_and_this_is_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    text = FILES.replace("name: both.csv", "name: Null").replace("name: test.csv", "name: benign.csv")
+    (folder / "published.yaml").write_text(text)
+    assert published(folder).get_testing_predictions()[1] == [{}]
+    printed = capsys.readouterr().out
+    assert "Files.supervised_train names no file: not trained: rbfsvm1" in printed
+    assert "threshold of the benign training runs: there are no anomalous testing runs" in printed
+    assert {path.name for path in (folder / "stored").glob("*.skops")} == {"ocsvm.skops", "process.skops"}
+    with pytest.raises(ConfigError, match="names no file to train these classifiers from"):
+        Interface(folder / "published.yaml").genmodel_train([], [("rbfsvm1", SVC())])
+
+
+@pytest.mark.parametrize("name", ["ocsvm", "../ocsvm", ""])
+def test_a_classifier_of_a_script_has_a_name_of_its_own_that_a_file_can_have(folder: Path, name: str):
+    with pytest.raises(ConfigError, match=f"expected unique names that a file can have, got '{name}'"):
+        Interface(folder / "published.yaml").genmodel_train([("ocsvm", OneClassSVM())], [(name, SVC())])
 
 
 def test_what_was_kept_for_other_data_is_not_taken_again(folder: Path, tmp_path: Path):
@@ -248,6 +284,13 @@ class Strange(LogisticRegression):
 def test_a_model_with_code_is_refused(folder: Path):
     with pytest.raises(ConfigError, match=r"refused: it contains code or unknown classes \(.*Strange"):
         Model.load(stored(folder, detector=Strange()))
+
+
+@pytest.mark.parametrize("content", [pickle.dumps([1]), pickle.dumps([1], protocol=0)])
+def test_a_pickle_is_refused_as_what_it_is(content: bytes, tmp_path: Path):
+    (tmp_path / "chosen_clf.pkl").write_bytes(content)
+    with pytest.raises(ConfigError, match="is a pickle, refused: reading one runs whatever it contains"):
+        Model.load(tmp_path / "chosen_clf.pkl")
 
 
 def test_a_model_of_another_version_is_refused(folder: Path):

@@ -1,9 +1,10 @@
 """Files of recorded data: CSV tables, the runs that `fame monitor record` wrote, and bags of ROS 1 and 2.
 
-Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one. In a
-recorded table a cell may be empty: a row holds the message of one topic. Cells are separated by a semicolon, tab, comma
-or |; a decimal comma needs another separator than the comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00.
-A bag is a folder of rosbag2 in either storage, a single MCAP file, also a recording of FAME, or a rosbag1.
+Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one, as does a
+repeated header, where files were written one after another. In a recorded table a cell may be empty: a row holds the
+message of one topic. Cells are separated by a semicolon, tab, comma or |; a decimal comma needs another separator than
+the comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00. A bag is a folder of rosbag2 in either storage, a
+single MCAP file, also a recording of FAME, or a rosbag1.
 """
 
 from __future__ import annotations
@@ -43,15 +44,20 @@ STAMP, RUN, LABEL, ELEMENT = "stamp", "run", "label", "element"
 
 
 class CsvTable(NamedTuple):
-    """A CSV file: `names` is empty without a header, `cells` (rows, columns), `first` is the line of the first row. The
+    """A CSV file: `names` is empty without a header, `cells` (rows, columns), `lines` has the line of each row. The
     column of `elements` (rows,), texts, is not among the cells. `in_seconds`: its stamps are s without doubt, since
     they were dates, or `fame monitor record` wrote them."""
 
     names: tuple[str, ...]
     cells: Floats
-    first: int
+    lines: Sequence[int]
     elements: tuple[str, ...] = ()
     in_seconds: bool = False
+
+    @property
+    def joins(self) -> Whole:
+        """The rows after a repeated header: files were written one after another."""
+        return np.flatnonzero(np.diff(np.asarray(self.lines)) > 1) + 1
 
 
 class LabelledRun(NamedTuple):
@@ -127,7 +133,7 @@ def read_labelled_runs(
             read = _read_parquet(path, special)
         else:
             read = read_table(path, recorded=True, stamp=special.stamp, element=special.element)
-        names, cells, first, elements, _ = read
+        names, cells, lines, elements, _ = read
         channels = tuple(name for name in names if name not in (*special[:3], LABEL, ""))
         if found and (more := sorted(set(channels) - set(found))):
             text = f"has columns that the first file lacks, {', '.join(more)}: say which to use (Columns)"
@@ -147,12 +153,13 @@ def read_labelled_runs(
         others = [place for place, name in enumerate(names) if name in channels and name not in columns]
         torn = ~whole & (np.isfinite(values).any(axis=1) | ~np.isfinite(cells[:, others]).any(axis=1))
         numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
-        labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path)
+        labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path, lines)
         if not whole.any():
             raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
-        for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1):
+        others_begin = np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1
+        for rows in np.split(np.arange(len(values)), np.union1d(others_begin, read.joins)):
             kept = rows[whole[rows]]
-            _refuse_backward(stamps, kept, path, first)
+            _refuse_backward(stamps, kept, path, lines)
             known = stamps[rows][np.isfinite(stamps[rows])]
             changes = _changes(stamps[kept], [elements[row] for row in kept]) if elements else ()
             samples = Samples(values[kept], stamps[kept], tuple(columns), changes)
@@ -213,7 +220,7 @@ def _refuse_other_units(stamps: Floats, path: Path, *, doubtful: bool) -> None:
         raise ConfigError(text, file=str(path), line=2)
 
 
-def _refuse_backward(stamps: Floats, rows: Whole, path: Path, first: int) -> None:
+def _refuse_backward(stamps: Floats, rows: Whole, path: Path, lines: Sequence[int]) -> None:
     """Raise ConfigError where the stamps of the rows of a run fall: a clock that jumped, runs without a column that
     divides them, or another order. Sorted, they would be a motion that never was."""
     falls = np.flatnonzero(np.diff(stamps[rows]) < 0)
@@ -221,15 +228,15 @@ def _refuse_backward(stamps: Floats, rows: Whole, path: Path, first: int) -> Non
         before, row = (int(each) for each in rows[falls[0] : falls[0] + 2])
         got = f"got {stamps[row]:.12g} after {stamps[before]:.12g}"
         text = f"expected stamps that grow within a run, {got}: sort the rows, or begin another run here ({RUN})"
-        raise ConfigError(text, file=str(path), line=row + first)
+        raise ConfigError(text, file=str(path), line=lines[row])
 
 
-def _labels(column: Floats, path: Path) -> Whole:
+def _labels(column: Floats, path: Path, lines: Sequence[int]) -> Whole:
     """Read labels; that of an empty cell is 0."""
     wrong = np.flatnonzero(np.isfinite(column) & ~np.isin(column, (1, -1)))
     if len(wrong):
         text = f"expected the label 1 (benign) or -1 (anomalous), got {column[wrong[0]]:g}"
-        raise ConfigError(text, file=str(path), line=int(wrong[0]) + 2)
+        raise ConfigError(text, file=str(path), line=lines[int(wrong[0])])
     return np.asarray(np.where(np.isfinite(column), column, 0), dtype=np.int64)
 
 
@@ -259,7 +266,8 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
     """Read the numbers of a CSV file; in the column `stamp`, dates too, and in that of the `element` texts.
 
     A `recorded` table is one of `fame monitor record`: it has a header, empty cells are NaN, and a partial last line,
-    which a killed writer leaves, is dropped. Raises ConfigError with the line.
+    which a killed writer leaves, is dropped. A repeated header, as in concatenated files, is no row. Raises ConfigError
+    with the line.
     """
     text = _text(path)
     lines = text.splitlines()
@@ -278,23 +286,26 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
         lines.pop()
     while lines and not lines[-1].strip():
         lines.pop()
-    first = 2 if header else 1
-    if len(lines) < first:
+    numbers: Sequence[int] = range(2 if header else 1, len(lines) + 1)
+    if header and lines.count(lines[0]) > 1:
+        numbers = [number for number in numbers if lines[number - 1] != lines[0]]
+    if not numbers:
         raise ConfigError("has no rows of numbers", file=str(path))
+    rows = [lines[number - 1] for number in numbers]
     elements = list[str]()
     if element in names:
         place, width = names.index(element), len(names)
-        for number, line in enumerate(lines[first - 1 :], start=first):
+        for index, (number, line) in enumerate(zip(numbers, rows, strict=True)):
             row = _row(line, path, number, separator)
             if len(row) != width:
                 raise ConfigError(f"expected {width} cells, got {len(row)}", file=str(path), line=number)
             elements.append(row.pop(place).strip())
-            lines[number - 1] = separator.join(row)
+            rows[index] = separator.join(row)
         del head[place]
         names = (*names[:place], *names[place + 1 :])
-    numbers = _numbers(lines[first - 1 :], first, head, path, recorded, separator, stamp)
-    sure = _written_in_seconds(lines[first - 1], separator, names, stamp)
-    return CsvTable(names, numbers, first, tuple(elements), sure)
+    cells = _numbers(rows, numbers, head, path, recorded, separator, stamp)
+    sure = _written_in_seconds(rows[0], separator, names, stamp)
+    return CsvTable(names, cells, numbers, tuple(elements), sure)
 
 
 def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: str) -> bool:
@@ -321,7 +332,8 @@ def _read_parquet(path: Path, special: Special) -> CsvTable:
         for name in dated:
             frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
         names = tuple(map(str, frame.columns))
-        return CsvTable(names, frame.to_numpy(dtype=np.float64), 1, elements, special.stamp in dated)
+        lines = range(1, len(frame) + 1)
+        return CsvTable(names, frame.to_numpy(dtype=np.float64), lines, elements, special.stamp in dated)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(f"is not a Parquet table of numbers: {error}", file=str(path)) from None
 
@@ -345,7 +357,13 @@ def _separator(line: str, path: Path) -> str:
 
 
 def _numbers(
-    lines: Sequence[str], first: int, head: Sequence[str], path: Path, gaps: bool, separator: str, stamp: str
+    lines: Sequence[str],
+    numbers: Sequence[int],
+    head: Sequence[str],
+    path: Path,
+    gaps: bool,
+    separator: str,
+    stamp: str,
 ) -> Floats:
     """Parse rows at once, or cell by cell where some are empty or wrong, or dates."""
     width = len(head)
@@ -358,12 +376,15 @@ def _numbers(
             if cells.shape == (len(lines), width):
                 return np.asarray(cells)
     rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=first):
+    for number, line in zip(numbers, lines, strict=True):
         row = _row(line, path, number, separator)
         if len(row) != width:
             hint = "; a decimal comma needs another separator, such as ;" if separator == "," and row else ""
             got = f"{len(row)}{hint}" if row else "a blank line"
             raise ConfigError(f"expected {width} cells, got {got}", file=str(path), line=number)
+        if {cell.strip() for cell in row} & {name.strip() for name in head if not _is_number(name)}:
+            text = f"is another header than the first one ({', '.join(head)}): these are tables of other columns"
+            raise ConfigError(text, file=str(path), line=number)
         rows.append([])
         for name, cell in zip(head, row, strict=True):
             try:

@@ -3,9 +3,9 @@
 A file is a mapping: its format, the versions of the packages that made it, the kind of the model and its fields
 (`StoredModel`). Files of earlier formats are read (`fame.monitor.earlier_models`).
 
-What is refused, each with its reason: a file that does not exist or is corrupt, one that would unpack to far more than
-its size, one that holds anything beyond plain data, numpy and classes of scikit-learn (it could be code), a model of
-another kind, one that needs another scikit-learn, and one whose parts do not fit each other.
+What is refused, each with its reason: a file that does not exist or is corrupt, a pickle, one that would unpack to far
+more than its size, one that holds anything beyond plain data, numpy and classes of scikit-learn (it could be code), a
+model of another kind, one that needs another scikit-learn, and one whose parts do not fit each other.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -90,6 +91,11 @@ def read_artefact(path: Path, maker: str) -> Any:
     holds anything that could run."""
     if not path.is_file():
         raise ConfigError(f"there is no such file{similar_file(path)}", file=str(path))
+    if _is_pickle(path):
+        text = (
+            f"is a pickle, refused: reading one runs whatever it contains; expected a model that {maker} stored (skops)"
+        )
+        raise ConfigError(text, file=str(path))
     most = _INFLATION * path.stat().st_size + _SLACK
     try:
         total = _unpacked(path, most)
@@ -111,6 +117,15 @@ def read_artefact(path: Path, maker: str) -> Any:
         return _skops().load(path, trusted=list(_HOLD_DATA))
     except Exception as error:
         raise ConfigError(f"is corrupt ({type(error).__name__}: {error})", file=str(path)) from None
+
+
+def _is_pickle(path: Path) -> bool:
+    """Return whether it is a pickle, by its first bytes or by its name: some of joblib and Python 2 have no mark."""
+    with suppress(OSError), path.open("rb") as stream:
+        mark = stream.read(4)
+        named = path.suffix in (".pkl", ".pickle", ".joblib") and mark != b"PK\3\4"  # a skops file may have any name
+        return named or (mark[:1] == b"\x80" and mark[1:2] in b"\2\3\4\5")
+    return False
 
 
 FORMAT = "fame-monitor-3"

@@ -10,7 +10,8 @@
     scoring        scores points one by one, by one detector or several
     classifiers    classifiers by name, fitted and evaluated; AnomalyDetector, OutputMatrix
     thresholds     of classifiers: given, between the classes, or promising a rate of false alarms
-    learn          fit and evaluate every classifier, choose the best; Interface
+    learn          fit and evaluate every classifier, choose the best
+    interface      Interface, for learning scripts
     live           ArmRuns: the joint states of an arm cut into runs, scored or collected while they come
     nodes          recording nodes that give joint states to these
 
@@ -27,7 +28,7 @@ from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.classifiers import AnomalyDetector as AnomalyDetector, OutputMatrix as OutputMatrix
-    from fame.monitor.anomaly.learn import Interface as Interface
+    from fame.monitor.anomaly.interface import Interface as Interface
     from fame.monitor.anomaly.model import (
         DataPersist as DataPersist,
         DataProcess as DataProcess,

@@ -126,6 +126,11 @@ class AnomalyDetector:
             for models in (unsupervised, supervised)
         )
 
+    @property
+    def parts(self) -> dict[str, PointClassifier]:
+        """All classifiers by name."""
+        return {**self._unsupervised, **self._supervised}
+
     def train_unsupervised(self, data: Recording) -> None:
         """Fit each to the benign points. Raises ConfigError without benign points."""
         for detector in self._unsupervised.values():

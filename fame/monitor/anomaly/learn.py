@@ -11,53 +11,40 @@ conformal calibration over the held-out benign runs (`fame.monitor.calibration`)
 it can be. ``any of`` and ``all of`` combine classifiers that are in the file. The best classifier has the
 highest F1 of validation runs, then of validation points, then (without anomalous runs F1 is 0) the highest accuracy;
 among equals the first one.
-
-`Interface` is for learning scripts, in the published four steps::
-
-    interface = Interface("learning.yaml")
-    interface.genmodel_train([("ocsvm", OneClassSVM(nu=0.5, gamma=1000))], [("rbfsvm", SVC(gamma=5, C=10))])
-    unsupervised, supervised = interface.get_testing_predictions()
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import (
-    HEADS,
     TEST,
     TRAIN,
     VALIDATION,
-    AnomalyDetector,
-    ConfusionMatrix,
     Evaluation,
-    Named,
     TrainedClassifier,
-    by_point,
     expand_candidates,
     fit,
     make,
     run_scores,
 )
-from fame.monitor.anomaly.learning_file import CandidateClassifier, Learning, load
-from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, PointClassifier, data_hash
+from fame.monitor.anomaly.learning_file import CandidateClassifier, Learning
+from fame.monitor.anomaly.model import Model, PointClassifier, data_hash
 from fame.monitor.anomaly.recording import BENIGN, STILL, Recording, read_csv, require_same_joints
 from fame.monitor.anomaly.thresholds import set_threshold, together
+from fame.monitor.calibration import Calibration
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT
 from fame.monitor.pipeline.training_checks import drifts
 from fame.monitor.storage import versions
-from fame.text import table
 
 _REFERENCE_RUNS = 3
 
@@ -83,6 +70,11 @@ class LearningData:
     def all(self) -> list[Recording]:
         """Every recording there is."""
         return [item for item in (self.process, self.benign, self.both, *self.testing) if item is not None]
+
+    @property
+    def known(self) -> set[str]:
+        """The hashes of the runs that are learned from."""
+        return {run_hash(run.values) for item in (self.both, self.benign) if item is not None for run in item}
 
     @property
     def notes(self) -> list[str]:
@@ -249,7 +241,7 @@ def _learned(
 ) -> TrainedClassifier:
     """Set the threshold of a classifier from the folds, and evaluate it on all data."""
     *folds, final = fits
-    known = {run_hash(run.values) for source in (data.both, data.benign) if source is not None for run in source}
+    known = data.known
     predicted = [(TRAIN, whole, final.predicted)]
     scores = None
     if folds:
@@ -263,11 +255,26 @@ def _learned(
         known_run = any(run_hash(run.values) in known for run in item)
         label = f"{TRAIN if known_run else TEST}: {item.source}"
         predicted.append((label, item, final.detector.predict(item)))
+    late = _late(whole, learning.folds)
+    model = model_of(candidate.name, final.detector, data, threshold, calibration, late)
+    evaluations = tuple(
+        Evaluation(name, recording, labels, tuple(run_scores(recording, labels)), threshold)
+        for name, recording, labels in predicted
+    )
+    return TrainedClassifier(candidate, model, evaluations, note)
+
+
+def model_of(
+    name: str, detector: Any, data: LearningData, threshold: float, calibration: Calibration | None, late: int = 0
+) -> Model:
+    """Return the model of a fitted detector, `late` as of `_late`."""
+    whole = data.both or data.benign
+    assert whole is not None  # checked by `load`
     benign = whole.select([index for index, label in enumerate(whole.run_labels()) if label == BENIGN])
-    model = Model(
-        name=candidate.name,
+    return Model(
+        name=name,
         joints=whole.joints,
-        detector=final.detector,
+        detector=detector,
         threshold=threshold,
         nominal=int(np.median([len(run) for run in benign])),
         reference=benign.select(range(min(_REFERENCE_RUNS, benign.count))).values,
@@ -276,18 +283,13 @@ def _learned(
         calibration=calibration,
         band=_band(benign),
         conditions={
-            RUN_HASHES: sorted(known),
+            RUN_HASHES: sorted(data.known),
             LEAST_MOVEMENT: _least_movement(benign),
             "drifts": drifts(_samples(benign)),
-            "late": _late(whole, learning.folds),
+            "late": late,
             "longest": max(map(len, benign)),
         },
     )
-    evaluations = tuple(
-        Evaluation(name, recording, labels, tuple(run_scores(recording, labels)), threshold)
-        for name, recording, labels in predicted
-    )
-    return TrainedClassifier(candidate, model, evaluations, note)
 
 
 def _least_movement(benign: Recording) -> list[float]:
@@ -313,73 +315,3 @@ def _samples(benign: Recording) -> list[Samples]:
 def _band(benign: Recording) -> Band:
     runs = _samples(benign)
     return Band.of(runs, [run.stamps for run in runs])
-
-
-class Interface:
-    """Reads the learning file, fits scaling and components to `fit_file`, and keeps them in `folder` if it is given.
-
-    What the folder holds from earlier is taken if it was made from the same data, and made anew if not.
-    Raises ConfigError.
-    """
-
-    learning: Learning
-    data: LearningData
-    persist: DataPersist | None
-    process: DataProcess
-    detector: AnomalyDetector
-
-    def __init__(self, file: str | Path, folder: str | Path | None = None, out: TextIO | None = None) -> None:
-        self.learning = load(file)
-        self.data = read_data(self.learning)
-        self.persist = DataPersist(folder) if folder is not None else None
-        self.process = self._process()
-        self.detector = AnomalyDetector([], [], self.process)
-        self._out = out or sys.stdout
-        for note in self.data.notes:
-            print(note, file=self._out)
-
-    def genmodel_train(self, unsupervised_models: Sequence[Named], supervised_models: Sequence[Named]) -> None:
-        """Train classifiers, each (name, estimator). Raises ConfigError if data for a kind is missing."""
-        data, detector = self.data, AnomalyDetector(unsupervised_models, supervised_models, self.process)
-        self.detector = detector
-        for kind, models, source, train in (
-            ("unsupervised_train", unsupervised_models, data.benign, detector.train_unsupervised),
-            ("supervised_train", supervised_models, data.both, detector.train_supervised),
-        ):
-            if source is not None:
-                train(source)
-            elif models:
-                raise ConfigError("needs a file for these classifiers", file=str(self.learning.file), element=kind)
-        for source in (data.benign, data.both):
-            if source is not None:
-                self._show(source.source, self.detector.evaluate(source), "train (learned from)")
-
-    def get_testing_predictions(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """Return, for unsupervised and supervised classifiers, the labels (points,) by name for each testing file."""
-        unsupervised, supervised = [], []
-        for data in self.data.testing:
-            unsupervised.append(self.detector.classify_unsupervised(data))
-            supervised.append(self.detector.classify_supervised(data))
-            found = {**unsupervised[-1], **supervised[-1]}
-            self._show(data.source, {name: by_point(data, labels) for name, labels in found.items()}, "testing")
-        return unsupervised, supervised
-
-    def _process(self) -> DataProcess:
-        source = self.data.process or self.data.benign or self.data.both
-        assert source is not None  # checked by `load`
-        learning = self.learning
-        if self.persist is None:
-            return DataProcess(learning.reduction, learning.scaling).fit(source.values)
-        origin = f"{data_hash(source)}-{learning.reduction}-{learning.scaling}"
-        try:
-            scaler, pca = self.persist.retrieve("process", origin)
-            return DataProcess(learning.reduction, learning.scaling, scaler, pca)
-        except ConfigError:  # not there yet, or made from other data
-            process = DataProcess(learning.reduction, learning.scaling).fit(source.values)
-            self.persist.save("process", [process.scaler, process.pca], origin)
-            return process
-
-    def _show(self, source: str, found: dict[str, ConfusionMatrix], kind: str) -> None:
-        lines = [(name, kind, source, *matrix.cells) for name, matrix in found.items()]
-        if lines:
-            print(table(("classifier", "data", "file", *HEADS[4:12]), lines), file=self._out)

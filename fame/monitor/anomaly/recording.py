@@ -55,21 +55,23 @@ def separators(values: Floats) -> NDArray[np.bool_]:
     return np.asarray(zero & (np.abs(following).max(axis=1) > JUMP))
 
 
-def blocks(values: Floats, labels: Whole, apart: NDArray[np.bool_]) -> list[slice]:
-    """Stretches that nothing interrupts: neither a separator (`apart`), nor another label, nor a jump."""
+def blocks(values: Floats, labels: Whole, apart: NDArray[np.bool_], joins: Whole | None = None) -> list[slice]:
+    """Stretches that nothing interrupts: neither a separator (`apart`), nor another label, a jump, or another file."""
     jump = np.abs(np.diff(values, axis=0)).max(axis=1) > JUMP
     cut = jump | (np.diff(labels) != 0) | apart[1:] | apart[:-1]
+    if joins is not None:
+        cut[joins - 1] = True
     bounds = [0, *(np.flatnonzero(cut) + 1).tolist(), len(values)]
     stretches = (slice(first, last) for first, last in pairwise(bounds))
     return [stretch for stretch in stretches if not apart[stretch].any()]
 
 
-def number_runs(values: Floats, labels: Whole) -> tuple[NDArray[np.bool_], Whole]:
-    """Return which rows are points of a run, and the number of the run of each of those."""
+def number_runs(values: Floats, labels: Whole, joins: Whole | None = None) -> tuple[NDArray[np.bool_], Whole]:
+    """Return which rows are points of a run, and the number of the run of each of those; files begin at `joins`."""
     apart = separators(values)
     numbers: list[Whole] = []
     count = 0
-    for block in blocks(values, labels, apart):
+    for block in blocks(values, labels, apart, joins):
         bounds = boundaries(values[block])
         lengths = np.diff([*bounds, block.stop - block.start])
         numbers.append(np.repeat(np.arange(count, count + len(bounds), dtype=np.int64), lengths))
@@ -263,10 +265,12 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     stamps = table.cells[:, table.names.index(STAMP)] if STAMP in table.names else None
     if RUN in table.names:
         given = table.cells[:, table.names.index(RUN)]
+        begins = np.diff(given, prepend=given[:1]) != 0
+        begins[table.joins] = True
         kept = ~separators(values)
-        runs = np.cumsum(np.diff(given[kept], prepend=given[kept][:1]) != 0).astype(np.int64)
+        runs = np.unique(np.cumsum(begins)[kept], return_inverse=True)[1].astype(np.int64)
     else:
-        kept, runs = number_runs(values, labels)
+        kept, runs = number_runs(values, labels, table.joins)
     names = tuple(table.names[column] if table.names else f"joint_{column + 1}" for column in inputs)
     times = None if stamps is None else stamps[kept]
     notes = _notes(path, table, kept)
@@ -335,7 +339,7 @@ def _notes(path: Path, table: CsvTable, kept: NDArray[np.bool_]) -> tuple[str, .
     apart = np.flatnonzero(~kept)
     if not len(apart):
         return ()
-    lines = ", ".join(str(row + table.first) for row in apart[:5].tolist()) + (" ..." if len(apart) > 5 else "")
+    lines = ", ".join(str(table.lines[row]) for row in apart[:5].tolist()) + (" ..." if len(apart) > 5 else "")
     return (f"{path}: left out {len(apart)} all-zero rows away from home (line {lines})",)
 
 
@@ -399,7 +403,7 @@ def _labels(table: CsvTable, output: int | None, path: Path) -> Whole:
     column = table.cells[:, output]
     wrong = np.flatnonzero(~np.isin(column, (1, -1)))
     if len(wrong):
-        line = int(wrong[0]) + table.first
+        line = table.lines[int(wrong[0])]
         text = f"expected the label 1 (benign) or -1 (anomalous) in column {output}, got {column[wrong[0]]:g}"
         raise ConfigError(text, file=str(path), line=line)
     return column.astype(np.int64)
@@ -411,5 +415,5 @@ def _reject_gaps(table: CsvTable, inputs: Sequence[int], path: Path) -> None:
         more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
         raise ConfigError(
             f"expected a finite number for every joint, stamp and run, got another value{more}", file=str(path),
-            line=int(bad[0]) + table.first,
+            line=table.lines[int(bad[0])],
         )  # fmt: skip
