@@ -1,13 +1,20 @@
 """Collaborations are split into one file per pool, and robots are assigned to pools."""
 
+import json
+import os
+import subprocess
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from lxml import etree
 
 import fame
+from fame.bpmn.conversion import convert
 from fame.bpmn.library import Library
 from fame.bpmn.pools import assign_pools, pools_of
 from fame.bpmn.reader import read_bytes, read_text
+from fame.bpmn.reader.xml import parse
 from fame.bpmn.split import split
 from fame.cli import main
 
@@ -109,3 +116,108 @@ def test_no_pool_is_written_over_another(tmp_path: Path, capsys: pytest.CaptureF
 def test_a_black_box_alone_leaves_nothing_to_run():
     with pytest.raises(fame.ModelError, match=r"black boxes: P0"):
         pools_of(collaboration(""))
+
+
+# ---- namespaces ------------------------------------------------------------------------------------------------------
+
+BPMN = "http://www.omg.org/spec/BPMN/20100524/MODEL"
+FOREIGN = '<f:v xmlns:f="urn:f" xmlns:xs="http://www.w3.org/2001/XMLSchema" xsi:type="xs:int">3</f:v>'
+NAMESPACES = (
+    'xmlns:di="http://www.omg.org/spec/DD/20100524/DI" xmlns:omgdc="http://www.omg.org/spec/DD/20100524/DC"'
+    ' xmlns:bpmndi="http://www.omg.org/spec/BPMN/20100524/DI" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+)
+DIAGRAM = (
+    '<bpmndi:BPMNDiagram><bpmndi:BPMNPlane bpmnElement="c"><bpmndi:BPMNEdge bpmnElement="f">'
+    '<di:waypoint xsi:type="omgdc:Point" x="1" y="2"/><di:waypoint xsi:type="omgdc:Point" x="3" y="4"/>'
+    "</bpmndi:BPMNEdge></bpmndi:BPMNPlane></bpmndi:BPMNDiagram>"
+)
+
+
+def written_by_others(condition: str, script: str, attributes: str = f'xmlns="{BPMN}"') -> fame.bpmn.model.Definitions:
+    """A pool whose script and condition are written under other declarations of namespaces."""
+    text = (
+        f'<definitions {attributes} {NAMESPACES} targetNamespace="t"><collaboration id="c">'
+        '<participant id="P" name="REX" processRef="p"/></collaboration><process id="p"><startEvent id="s"/>'
+        f'<scriptTask id="t"><extensionElements>{FOREIGN}</extensionElements>{script}</scriptTask>'
+        f'<sequenceFlow id="f" sourceRef="s" targetRef="t">{condition}</sequenceFlow></process>{DIAGRAM}</definitions>'
+    )
+    return read_text(text, file="team.bpmn")
+
+
+DECLARED_ANEW = {
+    "as .NET writes": f'<q1:{{}} xmlns="" xmlns:q1="{BPMN}">{{}}</q1:{{}}>',
+    "one prefix for two": f'<q1:{{}} xmlns:q1="{BPMN}" xmlns="urn:other">{{}}</q1:{{}}>',
+    "with a type": f'<q:{{}} xmlns:q="{BPMN}" xmlns="" xsi:type="q:tFormalExpression">{{}}</q:{{}}>',
+}
+
+
+@pytest.mark.parametrize("form", DECLARED_ANEW.values(), ids=DECLARED_ANEW.keys())
+def test_what_is_written_under_other_namespace_declarations_is_kept(form: str) -> None:
+    condition = form.format("conditionExpression", "x &gt; 1", "conditionExpression")
+    definitions = written_by_others(condition, form.format("script", "x = 1", "script"))
+    (part,) = split(definitions)
+    (process,) = read_bytes(part.source).processes
+    assert (process.body.flows[0].condition.text, process.body.nodes[1].script.text) == ("x > 1", "x = 1")
+
+
+def test_types_of_points_and_of_unknown_values_keep_their_namespace() -> None:
+    (part,) = split(written_by_others("", "<script>x = 1</script>"))
+    assert part.source.count(b'<di:waypoint xsi:type="omgdc:Point"') == 2
+    assert b'xsi:type="xs:int">3<' in part.source
+    assert b'xmlns:xs="http://www.w3.org/2001/XMLSchema"' in part.source
+
+
+def test_a_converted_file_keeps_them_too() -> None:
+    conversion = '<zeebe:taskDefinition xmlns:zeebe="http://camunda.org/schema/zeebe/1.0" type="a/b"/>'
+    definitions = written_by_others("", "<script>x = 1</script>")
+    source = definitions.source.replace(b"<f:v", conversion.encode() + b"<f:v", 1)
+    new = convert(read_bytes(source, file="team.bpmn"))
+    assert new.count(b'<di:waypoint xsi:type="omgdc:Point"') == 2
+    assert b'xsi:type="xs:int">3<' in new
+    assert b"zeebe" not in new
+
+
+def test_a_part_that_would_read_differently_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.bpmn.split.repair_prefixes", lambda root: None)
+    form = DECLARED_ANEW["as .NET writes"]
+    with pytest.raises(fame.ModelError, match=r"team.bpmn:1: t: its part cannot be split off, script would differ"):
+        split(written_by_others("", form.format("script", "x = 1", "script")))
+
+
+WARNINGS = """
+const { BpmnModdle } = require("bpmn-moddle"), fs = require("fs");
+const camunda = require("camunda-bpmn-moddle/resources/camunda.json");
+const read = (file) => new BpmnModdle({ camunda }).fromXML(fs.readFileSync(file, "utf8"));
+const texts = ({ warnings }) => warnings.map((one) => one.message.replace(/\\s+(line|column): \\d+/g, ""));
+Promise.all(process.argv.slice(1).map((file) => read(file).then(texts, () => null)))
+    .then((all) => console.log(JSON.stringify(all)));
+"""
+"""The warnings about each file, null for one that cannot be read."""
+
+
+def test_bpmn_moddle_opens_each_part_without_a_warning_that_the_whole_does_not_have(
+    node_modules: Path, tmp_path: Path
+) -> None:
+    form = DECLARED_ANEW["as .NET writes"]
+    wholes = [written_by_others("", form.format("script", "x = 1", "script"))]
+    for path in sorted([*Path("models").rglob("*.bpmn"), *Path("tests/other_tools").glob("*.bpmn")]):
+        with suppress(fame.ModelError):
+            wholes.append(fame.read(path))
+    files: list[list[str]] = []
+    for number, whole in enumerate(wholes):
+        with suppress(fame.ModelError):
+            texts = [etree.tostring(parse(whole.source, ""), encoding="UTF-8"), *(part.source for part in split(whole))]
+            files.append([f"{number}_{place}.bpmn" for place in range(len(texts))])
+            for file, text in zip(files[-1], texts, strict=True):
+                (tmp_path / file).write_bytes(text)
+    every = [file for family in files for file in family]
+    environment = {**os.environ, "NODE_PATH": str(node_modules)}
+    done = subprocess.run(
+        ["node", "-e", WARNINGS, *every], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    warnings = dict(zip(every, json.loads(done.stdout), strict=True))
+    for whole_file, *parts in files:
+        known = warnings[whole_file]
+        if known is not None:
+            assert {part: set(warnings[part]) - set(known) for part in parts} == {part: set() for part in parts}
+    assert sum(warnings[whole_file] is not None for whole_file, *_ in files) > 20

@@ -16,12 +16,12 @@ from lxml import etree
 from fame.bpmn import merging
 from fame.bpmn.merging import full_tree
 from fame.bpmn.model import TASKS, Definitions, Process
+from fame.bpmn.namespaces import contract_types, prefixes_of, repair_prefixes
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
 from fame.bpmn.reader.dialects.camunda7 import SHARED_ATTRIBUTES, SHARED_ELEMENTS
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local_name, text_of
-from fame.bpmn.split import update_type_prefixes
 
 Semantics = Literal["standard", "original"]
 
@@ -200,13 +200,15 @@ def _written(root: Node) -> bytes:
     for process in root.findall(f"{_B}process"):
         if any(one.tag == _DIAGRAM for one in process.itersiblings(preceding=True)):  # it was inside a call activity
             _add_to_root(root, process)
-    update_type_prefixes(root, root)
     if root.get(_PLATFORM) == "Camunda Cloud":
         root.set(_PLATFORM, "Camunda Platform")
         root.set(f"{_PLATFORM}Version", "7.23.0")
     gone = {*original_fame.NAMESPACES, ZEEBE, FLOWABLE, ACTIVITI}
-    kept = [prefix for prefix, uri in root.nsmap.items() if prefix and uri not in gone]
-    top = {} if CAMUNDA in root.nsmap.values() else {"camunda": CAMUNDA}
-    etree.cleanup_namespaces(root, top_nsmap=top or None, keep_ns_prefixes=kept)
+    declared = {"camunda": CAMUNDA, **prefixes_of([root])}
+    kept = {prefix: uri for prefix, uri in declared.items() if uri not in gone}
+    top = {prefix: uri for prefix, uri in kept.items() if uri not in root.nsmap.values()}
+    etree.cleanup_namespaces(root, top_nsmap=top or None, keep_ns_prefixes=list(kept))
     etree.indent(root, "  ")
+    repair_prefixes(root)
+    contract_types(root)
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8") + b"\n"

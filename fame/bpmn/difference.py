@@ -5,8 +5,8 @@ Elements are the same if they have the same id. The order of a file, its line nu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
 from fame.bpmn.model import Body, Bounds, Definitions, Element, Process
@@ -50,10 +50,15 @@ def _elements(definitions: Definitions) -> dict[str, tuple[Element, str]]:
     """Each element with the id of the process or sub-process that it is in."""
     found = dict[str, tuple[Element, str]]()
     for process in definitions.processes:
-        found[process.id] = process, ""
-        for inner, element in _inside(process.body, process.id):
+        for inner, element in elements_of(process):
             found.setdefault(element.id, (element, inner))
     return found
+
+
+def elements_of(process: Process) -> Iterator[tuple[str, Element]]:
+    """Yield a process and all its elements, each after the id of the process or sub-process that it is in."""
+    yield "", process
+    yield from _inside(process.body, process.id)
 
 
 def _inside(body: Body, owner: str) -> Iterator[tuple[str, Element]]:
@@ -67,8 +72,7 @@ def _inside(body: Body, owner: str) -> Iterator[tuple[str, Element]]:
 def _change(before: tuple[Element, str] | None, now: tuple[Element, str]) -> ElementChange | None:
     if before is None:
         return _made("added", None, now[0])
-    old, new = _content(before[0]), _content(now[0])
-    what = [name for name in {**old, **new} if old.get(name) != new.get(name)]
+    what = list(Comparison().fields(before[0], now[0]))
     if before[1] != now[1]:
         what.append("the sub-process that it is in")
     if type(before[0]) is not type(now[0]):
@@ -91,21 +95,36 @@ def _texts(element: Element | None) -> list[str]:
     )
 
 
-def _content(value: Any) -> dict[str, Any]:
-    """What a dataclass means, by field."""
-    return {
-        one.name: _plain(found)
-        for one in fields(value)
-        if one.name not in _SILENT and not isinstance(found := getattr(value, one.name), Body)
-    }
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Whether values of the model mean the same.
 
+    ids      old id -> new id, of those that may have changed
+    expect   the new dataclass that is expected for an old one
+    silent   further fields that do not count
+    """
 
-def _plain(value: Any) -> Any:
-    if is_dataclass(value) and not isinstance(value, type):
-        return type(value).__name__, _content(value)
-    if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, tuple | list) else value
+    ids: Mapping[str, str] = field(default_factory=dict)
+    expect: Callable[[Any], Any] = lambda value: value
+    silent: Collection[str] = ()
+
+    def fields(self, old: Any, new: Any) -> Iterator[str]:
+        """Yield the names of the fields in which two dataclasses differ, but bodies."""
+        old = self.expect(old)
+        for name in {one.name: 0 for one in (*fields(old), *fields(new)) if one.compare}:
+            before, now = getattr(old, name, None), getattr(new, name, None)
+            counts = name not in _SILENT and name not in self.silent and not isinstance(before or now, Body)
+            if counts and not self._same(before, now):
+                yield name
+
+    def _same(self, old: Any, new: Any) -> bool:
+        if is_dataclass(old) and type(old) is type(new):
+            return not any(self.fields(old, new))
+        if isinstance(old, Mapping) and isinstance(new, Mapping):
+            return old.keys() == new.keys() and all(self._same(old[key], new[key]) for key in old)
+        if isinstance(old, tuple | list) and isinstance(new, tuple | list):
+            return len(old) == len(new) and all(map(self._same, old, new))
+        return bool(old == new) or (isinstance(old, str) and new == self.ids.get(old))
 
 
 def _places(definitions: Definitions) -> dict[str, Bounds | tuple[tuple[float, float], ...]]:

@@ -18,6 +18,7 @@ from lxml import etree
 
 from fame.bpmn.linked_forms import linked_form
 from fame.bpmn.model import Assignment, Bounds, Definitions, Expression, FlowNode, Participant, Process, Task
+from fame.bpmn.namespaces import expand_types
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.data import shared_stores
 from fame.bpmn.reader.dialects.extensions import Extensions
@@ -134,12 +135,13 @@ _BEFORE_FLOWS = {
     for name in ("documentation", "extensionElements", "auditing", "monitoring", "ioSpecification", "ioBinding",
                  "supportedInterfaceRef", "property", "laneSet")
 }  # fmt: skip
+_ASSOCIATION, _ENDS = f"{_B}association", ("sourceRef", "targetRef")
 _ARTIFACTS = {f"{_B}{name}" for name in ("textAnnotation", "group", "association")}
 
 
 @dataclass(slots=True)
 class Fragment:
-    """The copied parts of one source file. `ids`: process id in the source file -> in the new file."""
+    """The copied parts of one source file. `ids`: those of processes and renamed elements -> in the new file."""
 
     definitions: Definitions
     root: Node
@@ -184,7 +186,7 @@ def copy_fragment(
     for process_copy in fragment.processes:
         _copy_shared_stores(process_copy, fragment, root)
     if pool is not None:
-        fragment.collaboration = _collaboration(definitions, root, pool)
+        fragment.collaboration = _collaboration(definitions, root, pool, fragment.processes)
     fragment.shared = [deepcopy(one) for one in _referenced_roots(root, fragment)]
     kept = {id for one in fragment.elements() if (id := one.get("id"))}
     for diagram in root.iterchildren(_DIAGRAM):
@@ -217,11 +219,12 @@ def _flow_elements(process: Node) -> Iterator[Node]:
     return (one for one in process.iterchildren(f"{_B}*") if one.tag not in _BEFORE_FLOWS)
 
 
-def _collaboration(definitions: Definitions, root: Node, pool: Participant) -> Node | None:
+def _collaboration(definitions: Definitions, root: Node, pool: Participant, processes: list[Node]) -> Node | None:
+    associated = {one.get(end, "") for own in processes for one in own.iter(_ASSOCIATION) for end in _ENDS}
     for original in root.iterchildren(_COLLABORATION):
         if any(one.get("id") == pool.id for one in original.iterchildren("*")):
             copy = deepcopy(original)
-            inside = _artifacts_inside(definitions, pool.id) | {pool.id}
+            inside = _artifacts_inside(definitions, pool.id) | associated | {pool.id}
             for one in list(copy.iterchildren("*")):
                 of_another = one.tag in _OF_OTHER_POOLS or one.tag in _ARTIFACTS
                 if of_another and one.get("id") not in inside and not _is_within_pool(one, definitions, pool, inside):
@@ -232,11 +235,11 @@ def _collaboration(definitions: Definitions, root: Node, pool: Participant) -> N
 
 def _is_within_pool(association: Node, definitions: Definitions, pool: Participant, inside: set[str]) -> bool:
     """Whether both ends of an association belong to the pool."""
-    if association.tag != f"{_B}association":
+    if association.tag != _ASSOCIATION:
         return False
     process = definitions.process(pool.process)
     own = {node.id for node in process.body.walk()} if process is not None else set()
-    return all(association.get(end, "") in own | inside for end in ("sourceRef", "targetRef"))
+    return all(association.get(end, "") in own | inside for end in _ENDS)
 
 
 def _artifacts_inside(definitions: Definitions, pool: str) -> set[str]:
@@ -291,8 +294,12 @@ def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | 
 
 
 def full_tree(definitions: Definitions) -> Node:
-    """Return the complete XML tree of a file, with the ids that the reader generates for elements without one."""
+    """Return the complete XML tree of a file, with the ids that the reader generates for elements without one.
+
+    Types are as `fame.bpmn.namespaces.expand_types` writes them.
+    """
     root = parse(definitions.source, definitions.file, keep_all=True)
+    expand_types(root)
     context = Context(definitions.file)
     prepare(context, root)
     as_read = parse(definitions.source, definitions.file)

@@ -20,8 +20,10 @@ from lxml import etree
 from fame.bpmn.library import Find, Library, calls_of, closure, identity
 from fame.bpmn.merging import Fragment, add_property, copy_fragment, has_property
 from fame.bpmn.model import CallActivity, Definitions, Participant, Process
+from fame.bpmn.namespaces import contract_types, prefixes_of, repair_prefixes
+from fame.bpmn.part_reading import Original, assert_same_reading
 from fame.bpmn.pools import pools_of, shared_topics
-from fame.bpmn.reader import read
+from fame.bpmn.reader import read, read_bytes
 from fame.bpmn.reader.dialects import is_original_fame
 from fame.bpmn.reader.dialects.original_fame import CALL
 from fame.bpmn.reader.expressions import variable_name
@@ -29,7 +31,6 @@ from fame.bpmn.reader.xml import BPMN, CAMUNDA, ZEEBE, Node, local_id, unique_id
 from fame.errors import ModelError
 
 _B = f"{{{BPMN}}}"
-_XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,7 @@ def extract_process(
     `name` selects the pool if several have this process, and becomes the name of the pool. `find` gives the processes
     that are called, by default those of the same file; other calls stay as they are. `topic_types` maps qualified
     topics to types, `acknowledged` are those with acknowledgements. Message flows are left out, since topics carry the
-    messages. Raises ModelError if there is no such process.
+    messages. Raises ModelError if there is no such process, or if it would read differently in the new file.
     """
     process = _process(definitions, process_id)
     find = find or _in_its_file
@@ -104,13 +105,20 @@ def extract_process(
         fragments.append(fragment)
     _write_defaults(fragments, [processes for _, processes in files])
     ids = {identity(fragment.definitions): fragment.ids for fragment in fragments}
+    originals: list[Original] = []
     for fragment, (file, processes) in zip(fragments, files, strict=True):
         calls = (call for one in processes for call in calls_of(one))
         targets = ((call.called, target) for call in calls if (target := find(file, call)) is not None)
-        _update_calls(fragment, {name: ids[identity(home)][one.id] for name, (home, one) in targets})
+        called = {name: ids[identity(home)][one.id] for name, (home, one) in targets}
+        _update_calls(fragment, called)
+        originals.append(Original(file, processes, fragment.ids, called))
     if fragments[0].collaboration is not None and name:
         next(fragments[0].collaboration.iterchildren(f"{_B}participant")).set("name", name)
-    return etree.tostring(_assemble(fragments), xml_declaration=True, encoding="UTF-8") + b"\n"
+    source = etree.tostring(_assemble(fragments), xml_declaration=True, encoding="UTF-8") + b"\n"
+    part = read_bytes(source, file=definitions.file)
+    for original in originals:
+        assert_same_reading(part, original, topic_types or {}, acknowledged)
+    return source
 
 
 def _process(definitions: Definitions, id: str) -> Process:
@@ -149,7 +157,7 @@ def _make_unique(fragment: Fragment, taken: set[str]) -> None:
         if element.get("id") in taken:
             _name_by_id(element)
     renamed = unique_ids(fragment.everything(), taken)
-    fragment.ids = {id: renamed.get(id, id) for id in fragment.ids}
+    fragment.ids = {id: id for id in fragment.ids} | renamed
 
 
 def _name_by_id(element: Node) -> None:
@@ -225,9 +233,9 @@ def _write_defaults(fragments: Sequence[Fragment], processes: Sequence[Sequence[
 
 
 def _new_root(home: Node, others: Iterable[Node]) -> Node:
-    prefixes: dict[str | None, str] = {"camunda": CAMUNDA}
-    for other in (*others, home):
-        prefixes.update({prefix: uri for prefix, uri in other.nsmap.items() if prefix or other is home})
+    prefixes = dict[str | None, str]({"camunda": CAMUNDA})
+    prefixes.update(home.nsmap)
+    prefixes.update(prefixes_of([home, *others]))
     prefixes = {prefix: uri for prefix, uri in prefixes.items() if _is_valid_name(f"{{{uri}}}any")}
     attributes = {name: value for name, value in home.attrib.items() if _is_valid_name(name)}
     root = etree.Element(home.tag, attributes, nsmap=prefixes)  # type: ignore[arg-type]
@@ -251,18 +259,8 @@ def _assemble(fragments: list[Fragment]) -> Node:
     parts += [one for fragment in fragments for one in fragment.processes]
     parts += [one for fragment in fragments for one in fragment.shared]
     parts += [one for fragment in fragments for one in fragment.diagrams]
-    for part in parts:
-        update_type_prefixes(part, root)
-        root.append(part)
+    root.extend(parts)
     etree.indent(root, "  ")
+    repair_prefixes(root)
+    contract_types(root)
     return root
-
-
-def update_type_prefixes(part: Node, root: Node) -> None:
-    """Update the namespace prefix in the values of ``xsi:type`` to that of the new file."""
-    prefix = next((prefix for prefix, uri in root.nsmap.items() if uri == BPMN), None)
-    for element in part.iter("*"):
-        value = element.get(_XSI_TYPE)
-        if value is not None:
-            bare = value.rpartition(":")[2]
-            element.set(_XSI_TYPE, f"{prefix}:{bare}" if prefix else bare)
