@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING
 
 from fame.imports import attach
 
-__version__ = "0.2.0"
-
 if TYPE_CHECKING:
     from fame.bpmn.model import Definitions as Definitions
     from fame.bpmn.reader import read as read, write as write
@@ -39,5 +37,6 @@ if TYPE_CHECKING:
     from fame.scenario import Result as Result, Scenario as Scenario
     from fame.scenario.exploration import explore as explore
     from fame.simulation import Simulation as Simulation
+    from fame.version import __version__ as __version__
 else:
     __getattr__, __dir__, __all__ = attach(__name__)

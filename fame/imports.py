@@ -1,13 +1,11 @@
-"""Imports on first use (the convention of ``lazy_loader``, SPEC 1; PEP 562), packages of extras, the version."""
+"""Imports on first use (the convention of ``lazy_loader``, SPEC 1; PEP 562), and packages of extras."""
 
 from __future__ import annotations
 
 import ast
 import sys
 from collections.abc import Callable
-from functools import cache
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from linecache import getlines
 from typing import Any
@@ -42,15 +40,6 @@ def require(package: str) -> None:
     if find_spec(package) is None:
         text, extra = _EXTRAS[package]
         raise UnavailableError(f"{text}: pip install 'fame-robots[{extra}]'")
-
-
-@cache
-def fame_version() -> str:
-    """Return the version of FAME; empty where it is not installed."""
-    try:
-        return version("fame-robots")
-    except PackageNotFoundError:
-        return ""
 
 
 def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:

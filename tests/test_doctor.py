@@ -20,8 +20,8 @@ from fame.cli.doctor import Finding
 from fame.cli.network import interface_of
 from fame.deploy import Report
 from fame.deploy.signing import Identity, new_identity, read_identity, read_private
-from fame.imports import fame_version
 from fame.log.clocks import ClockAnswer
+from fame.version import current as fame_version
 
 MESSAGE = "float64 x\n"
 SECOND = 1_000_000_000

@@ -30,6 +30,7 @@ LAYERS = (
         "fame.intervals",
         "fame.fast_json",
         "fame.text",
+        "fame.version",
         "fame.worker",
     ),
     ("fame.engine", "fame.middleware", "fame.properties", "fame.scripting"),

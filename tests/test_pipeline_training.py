@@ -11,7 +11,6 @@ from monitor_runs import write_runs
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
-from fame.imports import fame_version
 from fame.monitor.calibration import MARGIN
 from fame.monitor.data_files import hash_files, read_runs
 from fame.monitor.pipeline.detectors import ChannelAutoencoders
@@ -20,6 +19,7 @@ from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import LowPass, Threshold, run
 from fame.monitor.pipeline.train import Training, fit, train, training_of
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.version import current as fame_version
 
 JOINTS = ("shoulder", "elbow", "wrist")
 QUICK = Training(

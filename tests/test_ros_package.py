@@ -12,8 +12,8 @@ import pytest
 from lxml import etree
 from middleware_contract import needs
 
-import fame
 from fame.cli import parser
+from fame.version import RELEASE
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = etree.parse(ROOT / "package.xml").getroot()
@@ -54,7 +54,7 @@ def words(pattern: str) -> list[str]:
 
 def test_the_package_is_of_format_3_and_says_of_itself_what_the_project_says() -> None:
     assert (PACKAGE.tag, PACKAGE.get("format"), PACKAGE.findtext("name")) == ("package", "3", "fame")
-    assert PACKAGE.findtext("version") == fame.__version__
+    assert PACKAGE.findtext("version") == RELEASE
     assert PACKAGE.findtext("description") == PROJECT["project"]["description"]
     assert PACKAGE.findtext("license") == PROJECT["project"]["license"]
     assert "@" in PACKAGE.find("maintainer").get("email")

@@ -127,7 +127,7 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
 
 def packages(backend: str) -> Iterator[Finding]:
     """Yield whether the middleware is installed, and is that of ROS 2's nodes here."""
-    from fame.imports import fame_version
+    from fame.version import current as fame_version
 
     yield Finding("FAME", "ok", f"{fame_version()}, Python {platform.python_version()}")
     if backend not in PACKAGES:
@@ -362,7 +362,7 @@ def reported(report: Report) -> Finding:
 
 def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:
     """Yield what a robot's answer says: how far it is, how late its clock, which version."""
-    from fame.imports import fame_version
+    from fame.version import current as fame_version
 
     ahead, doubt = answer.ahead / 1e9, answer.trip / 2e9
     side = "ahead" if ahead > 0 else "behind"

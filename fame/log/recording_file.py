@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from fame.fast_json import json_bytes
-from fame.imports import fame_version
 from fame.log.channels import CHANNELS, FORMAT
+from fame.version import current as fame_version
 
 if TYPE_CHECKING:
     from mcap.writer import Writer

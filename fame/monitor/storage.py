@@ -24,9 +24,9 @@ from zipfile import BadZipFile, ZipFile, ZipInfo
 import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
-from fame.imports import fame_version
 from fame.monitor.arrays import Floats, Whole
 from fame.text import similar_file
+from fame.version import current as fame_version
 
 _INFLATION, _SLACK = 10, 10_000_000
 """How much more than its own size a file may unpack to: times, and bytes on top. What we store is not compressed."""

@@ -8,10 +8,10 @@ from datetime import datetime
 
 from fame.clock import date_text
 from fame.fast_json import json_bytes
-from fame.imports import fame_version
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, Node
 from fame.text import read_json
+from fame.version import current as fame_version
 
 STRING, CLOCK_TOPIC = "std_msgs/msg/String", "bpmn_clock"
 
