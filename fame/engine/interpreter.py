@@ -16,7 +16,7 @@ from fame.engine import adhoc, faults, gateways, handlers, repair, scopes, start
 from fame.engine.engine_state import EngineState
 from fame.engine.host import Host
 from fame.engine.program import USER, Node, Program
-from fame.engine.state import Instance, Mailbox, Scope, Wait, scopes_of
+from fame.engine.state import Instance, Listener, Mailbox, Scope, Wait, scopes_of
 from fame.engine.waiting import MESSAGE, catch, take
 from fame.errors import MissionError
 
@@ -341,13 +341,27 @@ class Engine(EngineState):
 
 
 def deliver(engine: EngineState, topic: str, message: Any) -> None:
-    """Deliver a message once to each catcher that is armed now, in the order of arming; start events come last.
+    """Deliver a message once to each catcher that is armed now, in the order of arming; start events come last."""
+    program = engine.program
+    listeners: tuple[Any, ...] = tuple(engine.listeners.get(topic, ()))  # waits alone, unless the topic is selective
+    if topic in program.selective:
+        _select(engine, topic, listeners, message)
+        return
+    for wait in listeners:
+        if wait.alive and not wait.paused:
+            catch(engine, wait, message)
+    for node in program.starts.get(topic, ()):
+        if not starts.is_awaited(node, listeners):
+            starts.trigger(engine, node, message)
+
+
+def _select(engine: EngineState, topic: str, listeners: tuple[Listener, ...], message: Any) -> None:
+    """Deliver a message of a topic with BPMN messages or queues.
 
     A queue keeps a signal only if no token waits at its event. A BPMN message goes only to the first catcher that it
     correlates with, else to one queue, else to a start event (standard 8.3.2).
     """
     taken = heard = False
-    listeners = tuple(engine.listeners.get(topic, ()))
     boxes: list[Mailbox] = []
     served = set[Mailbox | None]()
     for listener in listeners:

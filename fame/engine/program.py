@@ -236,6 +236,7 @@ class Program:
 
     starts     its start events by topic; `timed`: those with a timer; `begin`: the none start, if there is one
     messages   the topics of its BPMN messages; `shared`: those of which an event keeps messages
+    selective  the topics that not every catcher gets: of BPMN messages, and those with a queue
     elements   ``elements[slot]`` is the id whose completions are counted there
     nodes      all nodes, in the order of compilation
     sources    the models of the process and of all that it calls
@@ -258,6 +259,7 @@ class Program:
         self.begin: Node | None = None
         self.messages: set[str] = set()
         self.shared: set[str] = set()
+        self.selective: set[str] = set()
         self.instances: int | None = None
         self.concluded: Callable[[Any], object]
 

@@ -120,6 +120,8 @@ def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic:
     catch.topic, catch.queue = topic.qualified, topic.queue
     if catch.trigger is waiting.MESSAGE:
         context.compiler.program.messages.add(catch.topic)
+    if catch.queue or catch.trigger is waiting.MESSAGE:
+        context.compiler.program.selective.add(catch.topic)
     objects = [context.objects[id] for id in element.data_outputs if id in context.objects]
     takes: list[tuple[str, Callable[[dict[str, Any]], Any]]] = [
         (name, data.seeing_fields(source) if item.source.language == "feel" else source)

@@ -97,14 +97,16 @@ def fire(engine: EngineState, wait: Wait) -> None:
 def listen(engine: EngineState, wait: Wait) -> None:
     """Add a wait to the listeners of its topic, and give it what is kept for it."""
     catch = wait.catch
-    listeners = engine.listeners.get(catch.topic)
+    topic = catch.topic
+    listeners = engine.listeners.get(topic)
     if listeners is None:
-        engine.listeners[catch.topic] = {wait: None}
+        engine.listeners[topic] = {wait: None}
     else:
         listeners[wait] = None
-    if catch.queue and mailbox_of(wait) is None:  # a boundary event or event sub-process: the queue is this wait's
-        wait.box = open_mailbox(engine, wait.node, wait.scope)
-    take_kept(engine, wait)
+    if topic in engine.program.selective:
+        if catch.queue and mailbox_of(wait) is None:  # a boundary event or event sub-process: the queue is this wait's
+            wait.box = open_mailbox(engine, wait.node, wait.scope)
+        take_kept(engine, wait)
 
 
 def stop_listening(engine: EngineState, wait: Wait) -> None:
