@@ -102,6 +102,7 @@ def conclude(engine: EngineState, instance: Instance, status: InstanceStatus) ->
     if engine.program.observed:
         engine.notify(instance.root, (engine.program.process, "end", status))
     engine.host.ended(instance)
+    del instance.root  # which refers to it: only the search for cycles would free them
     if engine.waiting_starts:
         engine.program.concluded(engine)
 

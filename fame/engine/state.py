@@ -184,6 +184,7 @@ class Instance:
     """One run of the process. It keeps its final variables and counts after its end.
 
     key, program  its number, and its program
+    root          the scope of its process, until it ends
     status        ``running``, ``completed``, ``failed`` or ``cancelled``
     error         of a failed one: what went wrong
     """

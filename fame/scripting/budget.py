@@ -104,44 +104,47 @@ _PARTS = 20
 
 
 class Budget:
-    """The budget of one step for the scripts of one interface. `names` is the interface; `limit` counts ticks."""
+    """The budget of one step for the scripts of one interface. `names` is the interface; `limit` counts ticks.
 
-    __slots__ = ("_frame", "_names", "_part", "_spent", "limit", "steps")
+    It keeps no reference to the interface, which is freed with its variables then, without a search for cycles.
+    """
+
+    __slots__ = ("_frame", "_part", "_spent", "limit", "steps")
 
     def __init__(self, names: dict[str, Any], limit: int = DEFAULT) -> None:
-        self._names = names
         self.limit: int = limit
         self.steps: int = 0
         self._part = -(-limit // _PARTS)
         names[BUDGET] = self
-        self.refill()
+        self.refill(names)
 
-    def refill(self) -> None:
+    def refill(self, names: dict[str, Any]) -> None:
         """Start a new step with a full budget."""
         self.steps += 1
         self._frame: FrameType | None = None
         self._spent = 0
-        self._grant()
+        self._grant(names)
 
-    def drain(self) -> None:
+    def drain(self, names: dict[str, Any]) -> None:
         """Make every tick raise until `refill`."""
         self._spent = sys.maxsize
-        self._names[TICK] = partial(next, iter(()), False)
+        names[TICK] = partial(next, iter(()), False)
 
     def spend(self) -> bool:
         """Account for a used part of the budget and grant the next. Raises BudgetExceeded after the last."""
-        frame = script_frame(sys._getframe(1), self)
+        caller = sys._getframe(1)
+        frame = script_frame(caller, self)
         if frame is not self._frame and self._spent < sys.maxsize:
             self._frame, self._spent = frame, 0
         if self._spent < sys.maxsize:
             self._spent += self._part
         if self._spent >= self.limit:
             raise BudgetExceeded(f"one step of the script took more than {self.limit} loop passes and function calls")
-        self._grant()
+        self._grant(caller.f_builtins)
         return True
 
-    def _grant(self) -> None:
-        self._names[TICK] = partial(next, repeat(True, self._part), False)
+    def _grant(self, names: dict[str, Any]) -> None:
+        names[TICK] = partial(next, repeat(True, self._part), False)
 
 
 def count_steps(tree: ast.AST) -> ast.AST:

@@ -68,12 +68,13 @@ class _Task:
     """
 
     __slots__ = ("awaits", "budget", "cancelling", "disarm", "due", "error", "gone", "grace", "heard", "instant", "key",
-                 "leaving", "request", "running", "script")  # fmt: skip
+                 "leaving", "names", "request", "running", "script")  # fmt: skip
 
     def __init__(self, key: int, script: Any) -> None:
         self.key, self.script = key, script
         frame = getattr(script, "cr_frame", None)
-        self.budget: Budget | None = frame.f_builtins.get(BUDGET) if frame is not None else None
+        self.names: dict[str, Any] = frame.f_builtins if frame is not None else {}
+        self.budget: Budget | None = self.names.get(BUDGET)
         self.request: ScriptRequest | None = None
         self.heard: int | None = None
         self.gone: int | None = None
@@ -257,7 +258,7 @@ class Runner:
     def _advance(self, task: _Task, step: Callable[[Any], Any], value: Any) -> bool:
         """Run a script to its next request and arm that. Returns True if the script is over, with `task.error`."""
         if task.budget is not None:
-            task.budget.refill()
+            task.budget.refill(task.names)
         while True:
             task.request, task.running = None, True
             try:
@@ -327,7 +328,7 @@ class Runner:
     def _kill(self, task: _Task) -> None:
         """End the coroutine. Each attempt gets past one handler that catches it; the drained budget ends loops."""
         if task.budget is not None:
-            task.budget.drain()
+            task.budget.drain(task.names)
         for _ in range(_MOST_HANDLERS):
             try:
                 task.script.throw(
@@ -336,7 +337,7 @@ class Runner:
             except BaseException:
                 break
         if task.budget is not None:
-            task.budget.refill()
+            task.budget.refill(task.names)
 
     # ---- waiting -----------------------------------------------------------------------------------------------------
 
