@@ -82,7 +82,8 @@ class Simulation:
             None,
         )
         # to exchange the states of the modules takes longer than most stimuli
-        self._random: AbstractContextManager[object] = ModuleRandom(seed) if mission.may_use_random else nullcontext()
+        modules = mission.random_modules
+        self._random: AbstractContextManager[object] = ModuleRandom(seed, modules=modules) if modules else nullcontext()
         self.node: RobotNode = RobotNode(
             robot,
             mission,
@@ -124,7 +125,8 @@ class Simulation:
         expect(number, "until", until, "a number of seconds")
         self._until = None if until == math.inf else until
         self._begin()
-        self._go_on()
+        with self._random:
+            self._go_on()
         return self
 
     def signal(self, name: str, payload: Any = None) -> Simulation:
@@ -254,9 +256,7 @@ class Simulation:
                 self.node.start(self._variables)
 
     def _go_on(self) -> None:
-        bound = None if self._until is None else max(self.scheduler.now, round(self._until * SECOND))
-        with self._random:
-            self.scheduler.run(bound)
+        self.scheduler.run(None if self._until is None else max(self.scheduler.now, round(self._until * SECOND)))
 
 
 def _expect_values(argument: str, values: object) -> None:

@@ -3,6 +3,7 @@
 import json
 import random
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -108,19 +109,36 @@ def test_a_run_gives_the_modules_back_as_they_were(scenario: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-@pytest.mark.parametrize("task", ["import random", "x = __import__('numpy')", "", "x = robot.random.random()"])
+@pytest.mark.parametrize(
+    ("task", "draws"),
+    [
+        ("import random", ["random"]),
+        ("x = __import__('numpy')", ["random", "numpy"]),
+        ("from importlib import import_module", ["random", "numpy"]),
+        ("exec(&quot;im&quot; + &quot;port random&quot;)", ["random", "numpy"]),
+        ("", ["random", "numpy"]),
+        ("x = robot.random.random()", []),
+        ("important = 1  # what others import", []),
+        ("import math\nfrom datetime import timedelta", []),
+    ],
+)
 def test_only_what_may_draw_from_the_modules_exchanges_their_states(
-    task: str, encoding: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    task: str, draws: list[str], encoding: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = f"<scriptTask id='a'><script>{task}</script></scriptTask>"
     service = "<serviceTask id='a' camunda:type='external' camunda:topic='draw'/>"
     content = f"<startEvent id='s'/>{script if task else service}<sequenceFlow id='f' sourceRef='s' targetRef='a'/>"
     (tmp_path / "m.bpmn").write_text(process(content), encoding=encoding)
-    exchanged = list[bool]()
-    monkeypatch.setattr(random, "setstate", lambda state, set=random.setstate: (exchanged.append(True), set(state)))
+    exchanged = dict[str, bool]()
+
+    def note(name: str, exchange: Callable[[Any], None]) -> Callable[[Any], None]:
+        return lambda state: (exchanged.update({name: True}), exchange(state))[1]
+
+    monkeypatch.setattr(random, "setstate", note("random", random.setstate))
+    monkeypatch.setattr(np.random, "set_state", note("numpy", np.random.set_state))
     services = {} if task else {"draw": lambda variables: {"x": random.random()}}
     fame.Simulation(tmp_path / "m.bpmn", services=services).run().close()
-    assert bool(exchanged) == ("robot" not in task)
+    assert [*exchanged] == draws
 
 
 def test_missions_under_test_draw_from_their_seed_and_give_the_modules_back(scenario: Path) -> None:

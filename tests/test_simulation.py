@@ -1,6 +1,7 @@
 """`fame.Simulation` drives one process from Python, in simulated time."""
 
 import dataclasses
+import gc
 
 import pytest
 
@@ -234,3 +235,12 @@ def test_a_program_with_services_is_compiled_for_each_simulation() -> None:
     for value in (1, 2):
         run = fame.Simulation(definitions, services={"grip": lambda variables, value=value: value}).run()
         assert run.instances[0].variables["x"] == value
+
+
+def test_an_ended_instance_leaves_nothing_that_only_the_search_for_cycles_would_free() -> None:
+    simulation = fame.Simulation(script("for n in range(3): x = n")).run()
+    gc.collect()
+    for _ in range(10):
+        simulation.start()
+    simulation.instances.clear()
+    assert gc.collect() == 0

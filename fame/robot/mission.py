@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -12,8 +12,9 @@ from fame.bpmn.model import Definitions, Expression, FlowNode, Process
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.topics import TopicUse, topics_of_processes
 from fame.errors import ModelError
+from fame.randomness import RANDOM_MODULES
 from fame.robot.timers import Missed
-from fame.scripting import ScriptTopic, script_topics
+from fame.scripting import ScriptTopic, imported_modules, script_topics
 from fame.text import NAMES, is_ros_name
 
 Retry = Literal["safe", "never", "ask"]
@@ -23,6 +24,15 @@ MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
 
 ServiceFunction = Callable[[dict[str, Any]], Any]
 """The Python function of a service task: takes the variables; gives a result, or a coroutine of awaitable requests."""
+
+
+_IMPORTERS = (b"import", b"exec", b"eval")
+"""Every text that imports a module contains one of these."""
+_WITHOUT_RANDOM = frozenset((
+    "bisect", "cmath", "collections", "copy", "dataclasses", "datetime", "decimal", "enum", "fractions", "functools",
+    "heapq", "itertools", "json", "math", "operator", "re", "string", "time", "typing",
+))  # fmt: skip
+"""Modules of Python that draw no random numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,15 +76,40 @@ class Mission:
         return (node.script for _, node in self.flow_nodes() if node.script is not None)
 
     @cached_property
-    def may_use_random(self) -> bool:
-        """Whether its Python code may use the modules `random` and `numpy.random`: services, and what texts import."""
-        imports = any(b"import" in home.source.replace(b"\0", b"") for home, _ in self.processes())  # of UTF-16, too
-        return imports or any(node.operation for _, node in self.flow_nodes())
+    def random_modules(self) -> frozenset[str]:
+        """Which of the modules `random` and `numpy` its Python code may draw from: its services, and what it imports.
+
+        A module that FAME does not know may draw from both.
+        """
+        if any(node.operation for _, node in self.flow_nodes()):
+            return RANDOM_MODULES
+        imported = set[str]()
+        for home, process in self.processes():
+            source = home.source.replace(b"\0", b"")  # of UTF-16
+            if any(word in source for word in _IMPORTERS):
+                imported |= {name for text in expressions_of(process) for name in imported_modules(text)}
+        packages = frozenset(name.partition(".")[0] for name in imported) - _WITHOUT_RANDOM
+        return packages if packages <= {"random"} else RANDOM_MODULES
 
     @cached_property
     def script_topics(self) -> tuple[tuple[Expression, ScriptTopic], ...]:
         """What its scripts name, each with its script. Raises ModelError for a script that is wrong."""
         return tuple((script, topic) for script in self.scripts() for topic in script_topics(script))
+
+
+def expressions_of(part: Any) -> Iterator[Expression]:
+    """Yield the scripts and expressions in a part of a model."""
+    if isinstance(part, Expression):
+        yield part
+    elif is_dataclass(part):
+        for each in fields(part):
+            yield from expressions_of(getattr(part, each.name))
+    elif isinstance(part, Mapping):
+        for item in part.values():
+            yield from expressions_of(item)
+    elif isinstance(part, list | tuple):
+        for item in part:
+            yield from expressions_of(item)
 
 
 def make_mission(

@@ -12,7 +12,6 @@ import sys
 from base64 import b64decode, b64encode
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
 from datetime import date, datetime, timedelta
 from decimal import Decimal
 from fractions import Fraction
@@ -28,8 +27,8 @@ from fame.bpmn.model import Expression
 from fame.engine.encoding import no_data
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages, typesystem
-from fame.robot.mission import Mission
-from fame.scripting.analysis import code_names, identifiers_of, script_names
+from fame.robot.mission import Mission, expressions_of
+from fame.scripting.analysis import code_names, identifiers_of, imported_modules, script_names
 from fame.scripting.python import parse_python
 
 _SIMPLE: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
@@ -111,7 +110,8 @@ class Loader:
     """Restores the values. Only modules that the scripts of the mission import are imported."""
 
     def __init__(self, mission: Mission) -> None:
-        self._packages = {name.partition(".")[0] for name in imported(mission)}
+        imported = (name for script in mission.scripts() for name in imported_modules(script))
+        self._packages = {name.partition(".")[0] for name in imported}
 
     def __call__(self, data: Any) -> Any:
         """A value of what `dump` made of it. Raises MissionError."""
@@ -142,40 +142,14 @@ class Loader:
         return found
 
 
-def imported(mission: Mission) -> Iterator[str]:
-    """Yield the modules that the scripts of a mission import."""
-    for script in mission.scripts():
-        if script.language == "python" and "import" in script.text:
-            for node in ast.walk(parse_python(script)):
-                if isinstance(node, ast.Import):
-                    yield from (alias.name for alias in node.names)
-                elif isinstance(node, ast.ImportFrom) and node.module:
-                    yield node.module
-
-
 def refuse_unstorable(mission: Mission) -> None:
     """Raise ModelError for a script that leaves behind what cannot be stored, and what later steps use."""
-    texts = [(file.file, text) for file, process in mission.processes() for text in _expressions(process)]
+    texts = [(file.file, text) for file, process in mission.processes() for text in expressions_of(process)]
     for home, task in mission.flow_nodes():
         if task.script is not None:
             others = [text for _, text in texts if text is not task.script]
             for reason in _left_behind(task.script, others):
                 raise ModelError.at(task, f"{reason}, which an engine with --state cannot store", file=home.file)
-
-
-def _expressions(value: Any) -> Iterator[Expression]:
-    """The scripts and expressions in a part of a model."""
-    if isinstance(value, Expression):
-        yield value
-    elif is_dataclass(value):
-        for each in fields(value):
-            yield from _expressions(getattr(value, each.name))
-    elif isinstance(value, Mapping):
-        for item in value.values():
-            yield from _expressions(item)
-    elif isinstance(value, list | tuple):
-        for item in value:
-            yield from _expressions(item)
 
 
 def _left_behind(script: Expression, others: Sequence[Expression]) -> Iterator[str]:

@@ -21,7 +21,7 @@ from fame.middleware.interface import Publisher
 from fame.middleware.local import LocalMiddleware, LocalNode
 from fame.middleware.network import Network
 from fame.monitor.services import SERVICES, WATCH
-from fame.randomness import ModuleRandom, robot_random
+from fame.randomness import RANDOM_MODULES, ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.events import Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
@@ -74,7 +74,6 @@ class Run:
         hold_errors: bool = False,
     ) -> None:
         self._pace, self._hold_errors = pace, hold_errors
-        self._random = ModuleRandom(scenario.seed)
         self._seeded = ExitStack()
         self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
         self._services = services or (lambda robot: {})
@@ -100,6 +99,8 @@ class Run:
         self._world_nodes: set[LocalNode] = {*self.middleware.nodes} - {self._outside}
         try:
             self.nodes: list[RobotNode] = self._build_nodes(strict)
+            modules = frozenset[str]().union(*(node.mission.random_modules for node in self.nodes))
+            self._random = ModuleRandom(scenario.seed, modules=RANDOM_MODULES if self.world is not None else modules)
             self._check_faults()
             if self.judging is not None:
                 self.judging.begin(self.middleware, self.world)

@@ -7,6 +7,7 @@ interface         the module of the script interface: the ``__builtins__`` of th
 Runner            runs suspended scripts
 script_topics     the topics that a script names, for endpoints created at load
 script_names      the variables that a text reads and writes, for checks
+imported_modules  the modules that a text imports
 code_names        the functions, classes and modules that a script leaves for later ones, for checks
 ================  =======================================================================
 """
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from fame.scripting.analysis import (
         ScriptTopic as ScriptTopic,
         code_names as code_names,
+        imported_modules as imported_modules,
         script_names as script_names,
         script_topics as script_topics,
     )

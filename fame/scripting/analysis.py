@@ -92,6 +92,26 @@ class _Synchronous(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
+_IMPORTERS = frozenset(("__import__", "eval", "exec"))
+
+
+@lru_cache(maxsize=1024)
+def imported_modules(expression: Expression) -> frozenset[str]:
+    """Return the modules that a text in Python imports; ``*`` where it can import any. Raises ModelError."""
+    words = (*_IMPORTERS, "import")
+    if expression.language != "python" or not any(word in expression.text for word in words):
+        return frozenset()
+    found = set[str]()
+    for node in ast.walk(parse_python(expression)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(str(node.module))
+        elif isinstance(node, ast.Name) and node.id in _IMPORTERS:
+            found.add("*")
+    return frozenset(found)
+
+
 def _code(table: symtable.SymbolTable) -> frozenset[str]:
     symbols = table.get_symbols()
     return frozenset(symbol.get_name() for symbol in symbols if symbol.is_imported() or symbol.is_namespace())
