@@ -7,10 +7,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
 from fame import version
 from fame.version import RELEASE, of_checkout
 
+ROOT = Path(__file__).parent.parent
 pytestmark = pytest.mark.skipif(shutil.which("git") is None, reason="needs the program git")
 
 
@@ -55,3 +57,8 @@ def test_an_installation_has_the_version_that_it_was_built_from(
     (tmp_path / "fame").mkdir()
     (tmp_path / "fame" / "BUILD").write_text("0.3.0.dev7+g1234abcd\n")
     assert version.current.__wrapped__() == "0.3.0.dev7+g1234abcd"
+
+
+def test_the_package_and_its_citation_name_the_same_release() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert str(citation["version"]) == RELEASE
