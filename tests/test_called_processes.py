@@ -114,6 +114,20 @@ def test_two_that_may_be_meant_are_an_error_that_names_both_if_one_is_called(tmp
     assert trail(model) == "m a"
 
 
+def test_of_several_the_file_of_that_name_is_called_with_a_warning(tmp_path: Path) -> None:
+    model = write(tmp_path / "m.bpmn", says("m", calls=("TakeOff", "Hover")))
+    write(tmp_path / "TakeOff.bpmn", says("take off", "TakeOff"))
+    write(tmp_path / "Land.bpmn", says("land", "TakeOff"), says("other", "Q"))
+    write(tmp_path / "Hover.bpmn", says("hover", "Process_1"))
+    write(tmp_path / "Copy.bpmn", says("copy", "Hover"))
+    assert trail(model) == trail(part_of(model)) == "m take off hover"
+    found = [(one.element, one.text) for one in check(model, library=Library()) if one.level == "warning"]
+    assert [(element, text.replace(f"{tmp_path}/", "")) for element, text in found] == [
+        ("c0", "calls 'TakeOff' of the file of that name, which Land.bpmn has, too"),
+        ("c1", "calls 'Hover' of the file of that name, which Copy.bpmn has, too"),
+    ]
+
+
 def test_a_file_that_nobody_calls_may_be_broken(tmp_path: Path) -> None:
     model = write(tmp_path / "m.bpmn", says("m", calls=("Helper",)))
     helper = write(tmp_path / "h.bpmn", says("h", "Helper"))
@@ -279,8 +293,10 @@ class Drawn:
             by_id = [(place, name) for place, ids in level.items() if name in ids]
             alone = [(place, next(iter(ids))) for place, ids in level.items()
                      if Path(place).stem == name and len(ids) == 1 and place != home]  # fmt: skip
-            if by_id or alone:
-                return (by_id or alone)[0] if len(by_id or alone) == 1 else None
+            both = [*by_id, *(one for one in alone if one not in by_id)]
+            best = [one for one in both if Path(one[0]).stem == name] if len(both) > 1 else both
+            if both:
+                return best[0] if len(best) == 1 else None
         return None
 
     def said(self) -> list[str] | None:

@@ -2,7 +2,8 @@
 
 A call names a process by its id. It is looked for in the file of the call, then level by level: in the folders of
 ``--library``, beside that file, in the folder ``library`` there, and in FAME's own library. At each level it is the
-process with that id in any file, else the only process of ``<name>.bpmn``. A level with two of them is ambiguous.
+process with that id in any file, or the only process of ``<name>.bpmn``. If there are several, it is that of
+``<name>.bpmn``, since copied files often keep the id of what they were copied from; else the level is ambiguous.
 
 Files are searched for the ids of their processes as text; only those that have the name are read. A file that nobody
 calls may therefore be broken. A model that was sent has no folder, and nothing is looked for beside it.
@@ -52,6 +53,7 @@ class Library:
         self._unreadable: dict[Path, list[Path]] = {}
         self._sent: set[str] = set()
         self._found: dict[tuple[str, Path | None, str], tuple[Definitions, Process]] = {}
+        self._passed_over: dict[tuple[str, Path | None, str], list[str]] = {}
 
     @property
     def declared(self) -> Library:
@@ -105,15 +107,23 @@ class Library:
             self._found[key] = self._search(caller, call)
         return self._found[key]
 
+    def passed_over(self, caller: Definitions, call: CallActivity) -> list[str]:
+        """Return the files of other processes that a call found by `find` may mean, too."""
+        return self._passed_over.get((caller.file, caller.path, call.called), [])
+
     def _search(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
         for level in self.levels(caller):
-            found = self._with_id(level, call.called) or self._named(level, caller, call.called)
-            if len(found) > 1:
+            found = self._named(level, caller, call.called)
+            found += [one for one in self._with_id(level, call.called) if one not in found]
+            best = [one for one in found if Path(one[0].file).stem == call.called] if len(found) > 1 else found
+            if len(best) == 1:
+                others = [_short(Path(home.file)) for home, _ in found if home is not best[0][0]]
+                self._passed_over[caller.file, caller.path, call.called] = sorted(others)
+                return best[0]
+            if found:
                 places = " and ".join(sorted(_short(Path(home.file)) for home, _ in found))
                 text = f"called element {call.called!r} is ambiguous: expected one process, found {places}"
                 raise ModelError.at(call, text, file=caller.file)
-            if found:
-                return found[0]
         raise ModelError.at(call, self._not_found(caller, call.called), file=caller.file)
 
     def _with_id(self, level: Sequence[Path], name: str) -> list[tuple[Definitions, Process]]:

@@ -70,7 +70,8 @@ def check_pools(scope: CheckScope) -> Iterator[Finding]:
 
 
 def check_library(scope: CheckScope) -> Iterator[Finding]:
-    """Say which called processes are FAME's own: perhaps others were meant."""
+    """Say which called processes are FAME's own, and which are not the only ones: perhaps others were meant."""
+    yield from scope.doubtful
     if scope.own:
         yield Finding("note", f"FAME's own library supplies {', '.join(sorted(scope.own))}", scope.definitions.file)
 

@@ -115,6 +115,7 @@ class CheckScope:
     roots          processes that start by themselves: those of pools, and those that nothing in the file calls
     pools          ids of the processes that have a pool: nothing else gives them variables
     missing        why called processes could not be found
+    doubtful       calls that may mean another process than the one that is called
     own            what the file calls and FAME's own library supplies
     mission        the scopes of all files of the mission, this one included
     strict         a payload that reads a variable nothing sets is an error
@@ -127,6 +128,7 @@ class CheckScope:
     pools: frozenset[str]
     missing: tuple[ModelError, ...]
     own: frozenset[str] = frozenset()
+    doubtful: tuple[Finding, ...] = ()
     mission: tuple[CheckScope, ...] = ()
     strict: bool = False
     remote_types: bool = False
@@ -187,7 +189,19 @@ def _scope(definitions: Definitions, library: Library) -> CheckScope:
     calls = (pair for process in own for pair in process.calls)
     supplied = {one.called for one, to in calls if to is not None and library.is_own(definitions, to.definitions)}
     roots = tuple(_roots(own, pools))
-    return CheckScope(definitions, tuple(pending), roots, pools, tuple(missing), frozenset(supplied))
+    doubtful = (
+        found for process in pending for call, to in process.calls for found in _doubt(process, call, to, library)
+    )
+    return CheckScope(definitions, tuple(pending), roots, pools, tuple(missing), frozenset(supplied), tuple(doubtful))
+
+
+def _doubt(
+    process: CheckedProcess, call: CallActivity, called: CheckedProcess | None, library: Library
+) -> Iterator[Finding]:
+    others = library.passed_over(process.definitions, call) if called is not None else []
+    if others:
+        text = f"calls {call.called!r} of the file of that name, which {' and '.join(others)} has, too"
+        yield process.finding("warning", text, call)
 
 
 def _key(process: CheckedProcess) -> tuple[str, str]:

@@ -123,7 +123,7 @@ def fire_boundary(engine: EngineState, wait: Wait) -> None:
     handlers.take_boundary(engine, wait.scope, wait.node, wait.catch, wait.owner)
 
 
-_ENDING = (steps.end, steps.terminate, raise_error, compensation.cancel)
+_ENDING = (steps.end, steps.terminate, steps.terminate_all, raise_error, compensation.cancel)
 """Steps at which a token always ends."""
 
 # ---- compiling -----------------------------------------------------------------------------------
@@ -233,7 +233,8 @@ def _thrown(
                 event, raise_error, part, Raise(code, code_of, context.optional(definition.message, event))
             )
         case model.TerminateDefinition():
-            return context.node(event, steps.terminate, part)
+            whole = context.compiler.original and context.runs_beside
+            return context.node(event, steps.terminate_all if whole else steps.terminate, part)
         case model.CompensateDefinition():
             return compensation.thrown(context, event, definition, ends, part)
         case model.CancelDefinition():

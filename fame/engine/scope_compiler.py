@@ -115,6 +115,12 @@ class ScopeCompiler:
         self.when_made: list[Callable[[], object]] = []
         self.when_linked: list[Callable[[], object]] = []
 
+    @property
+    def runs_beside(self) -> bool:
+        """Whether it is an event sub-process that does not interrupt its scope."""
+        handler = isinstance(self.owner, model.SubProcess) and self.owner.triggered_by_event
+        return handler and not any(event.interrupting for event in self.content.events("start"))
+
     # ---- nodes ---------------------------------------------------------------------------------------
 
     def node(self, element: model.Element, step: StepFunction, part: str = "", spec: Any = None) -> Node:

@@ -220,6 +220,16 @@ def terminate(engine: EngineState, scope: Scope, node: Node) -> None:
     """End the innermost scope; in a handler that suspends its scope, that scope as well."""
     if scope.parent is not None and scope.parent.suspender is scope:
         scope = scope.parent
+    _end_at_once(engine, scope)
+
+
+def terminate_all(engine: EngineState, scope: Scope, node: Node) -> None:
+    """End all instances of the participant, as the original FaMe does from a handler that runs beside its scope."""
+    for instance in tuple(engine.instances.values()):
+        _end_at_once(engine, instance.root)
+
+
+def _end_at_once(engine: EngineState, scope: Scope) -> None:
     replacement, cancelling = scopes.replace(engine, scope, scope.handles)
     if scope.parent is None:
         engine.host.make_safe("terminated")

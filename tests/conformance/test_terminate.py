@@ -79,3 +79,11 @@ def test_what_follows_waits_for_scripts_that_leave(play: Play) -> None:
     run = play(content).run(1).signal("A")
     assert run.log == "(p (a c x -a"
     assert run.run(2.5).log == "(p (a c x -a p) y =completed"
+
+
+def test_in_the_original_semantics_it_ends_all_of_its_participant_from_a_non_interrupting_handler(play: Play) -> None:
+    handling = handler("h", start("t", signal("A"), interrupting=False) + end("x", TERMINATE) + path("t x"))
+    nested = start("go", signal("GO")) + sub("p", user("w") + handling) + script("y") + path("go p y")
+    run = play(model(process(nested, semantics="original"))).run().signal("GO").signal("GO").signal("A")
+    assert run.log == "go (p (w go (p (w (h t (h t x -p -w -h -p -w -h =completed =completed"
+    assert not run.left_behind()
