@@ -7,6 +7,7 @@ state. Each random trace is judged by a property of each pattern and scope, with
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -87,13 +88,13 @@ def _item(random: Random, time: int) -> Item:
     robot = random.choice(("A", "A", "B", *POOL))
     kind = random.randrange(8)
     if kind < 2:
-        value = random.choice((0, 1, 2, 3, 3, None, "text"))
+        value = random.choice((0, 1, 2, 3, 3, None, "text", math.nan))
         return Item(time, source=ValueSource("variable", robot, "v"), value=value)
     if kind == 2:
         pose = RobotPosition(random.choice((0, 1, 3)), 0.0, frame=random.choice(("world", "world", "world", "map")))
         return Item(time, source=ValueSource("pose", robot), value=pose)
     if kind == 3:
-        return Item(time, source=ValueSource("battery", robot), value=random.choice((0.2, 0.5, 0.9)))
+        return Item(time, source=ValueSource("battery", robot), value=random.choice((0.2, 0.5, 0.9, math.nan)))
     if kind == 4:
         message = random.choice(({"id": 1}, {"id": 2}, {"id": 3}))
         return Item(time, (robot, random.choice(("throw", "reply")), "leave", None), message)
@@ -166,18 +167,10 @@ def _of_part(made: Property, robots: dict[str, str], items: Sequence[Item], end:
         named = [(one.robot.text, one.target.text, one.some) for one in (opens, made.main)]
         if (opens.verb, made.main.verb) == ("starts", "ends") and named[0] == named[1] and not opens.some:
             return _of_each(made, opens, robots, items, end, complete)
-    starts = [number for number, item in enumerate(items) if is_event(opens, item, robots)]
-    closings = [number for number, item in enumerate(items) if is_event(made.closes, item, robots)]
-    begins = starts if opens is not None else [-1]
-    spans: list[tuple[int, int]] = []  # numbers of the events that open and close; len(items): the end
-    for start in begins:
-        if made.closes is None and made.pattern != "exists" and spans:
-            break
-        if spans and start < spans[-1][1] and made.closes is not None:
-            continue
-        spans.append((start, next((number for number in closings if number > start), len(items))))
-    if made.condition:
-        return _of_condition(made, robots, items, spans, end)
+    spans = _spans(made, opens, robots, items)
+    if made.condition:  # in parts of the run that end together it counts in the longest
+        whole = {last: first for first, last in reversed(spans)}
+        return _of_condition(made, robots, items, sorted((first, last) for last, first in whole.items()), end)
     judged = [_of_span(made, robots, items, span, end, complete) for span in spans]
     violated = [time for word, _, time in judged if word == "violated" and time is not None]
     if violated:
@@ -187,6 +180,23 @@ def _of_part(made: Property, robots: dict[str, str], items: Sequence[Item], end:
     word = next((one for one in ORDER if any(one == each[0] for each in judged)), "not triggered")
     due = None if word != "pending" or made.bound is None else min(time for time in pending if time is not None)
     return word, min(slacks, default=None), due
+
+
+def _spans(
+    made: Property, opens: Occurrence | None, robots: dict[str, str], items: Sequence[Item]
+) -> list[tuple[int, int]]:
+    """The parts of a run in which a pattern counts: numbers of the events before and behind each; len(items): the end.
+
+    The rows of the table of scopes: the whole run; after the first E, of an existence after each E; with G, after each
+    E until the next G.
+    """
+    closings = [number for number, item in enumerate(items) if is_event(made.closes, item, robots)]
+    begins = [number for number, item in enumerate(items) if is_event(opens, item, robots)]
+    if opens is None:
+        begins = [-1]
+    elif made.closes is None and made.pattern != "exists":
+        begins = begins[:1]
+    return [(begin, next((number for number in closings if number > begin), len(items))) for begin in begins]
 
 
 def _of_span(
@@ -309,7 +319,7 @@ def _read(made: Property, robots: dict[str, str], items: Sequence[Item], time: i
     results = []
     for part in made.condition:
         left, right = (_value(value, robots, last) for value in (part.left, part.right))
-        if left is None or right is None:
+        if left is None or right is None or left != left or right != right:  # NaN is what was not measured
             return None
         numbers = not any(isinstance(each, str) for each in (left, right))
         if part.operator in ("==", "!="):

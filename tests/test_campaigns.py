@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from bpmn_text import process, properties
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import Recording
-from fame.scenario.campaign import Campaign, Folder, cause_of, run_campaign
+from fame.scenario.campaign import Campaign, Folder, _measured, _Variables, cause_of, run_campaign
 from fame.scenario.campaign_report import (
     causes,
     counted,
@@ -314,6 +315,12 @@ def test_a_crashed_run_is_not_known() -> None:
     assert f"not known: {said}" in text_report(rows)
     assert f"Not known: {said}." in html_report(rows, "s.yaml")
     assert summary(rows[:2])["not_known"] == ""
+
+
+def test_what_was_not_measured_is_measured_by_no_comparison() -> None:
+    variables = {"P": _Variables({"level": math.nan, "far": 2.0, "none": None})}
+    texts = ("P.level", "P.level < 0.2", "not P.level < 0.2", "P.far > 1", "P.none is None")
+    assert [_measured(text, variables) for text in texts] == [None, None, None, True, True]
 
 
 def test_a_measure_without_values_is_said() -> None:

@@ -147,6 +147,10 @@ def test_thresholds_of_another_number_of_channels_are_refused() -> None:
         ("max(efforts) - norm(efforts)", [4 - 5, 8 - 10]),
         ("efforts[:, 1] % 3", [1.0, 2.0]),
         ("pi", [np.pi, np.pi]),
+        ("holes > 0", [np.nan, True]),
+        ("holes != 2 and left > 0", [np.nan, False]),
+        ("not holes < 1", [np.nan, True]),
+        ("where(holes > 0, left, 5)", [np.nan, 1.0]),
     ],
 )
 def test_expressions(formula: str, expected: list[float]) -> None:
@@ -154,6 +158,7 @@ def test_expressions(formula: str, expected: list[float]) -> None:
     given = {
         "left": Samples(np.array([1.0, 1.0]), stamps),
         "right": Samples(np.array([1.0, 2.0]), stamps),
+        "holes": Samples(np.array([np.nan, 2.0]), stamps),
         "efforts": Samples(np.array([[3.0, 4.0], [6.0, 8.0]]), stamps),
     }
     np.testing.assert_allclose(run([Expression(formula=formula)], given)["value"].values, expected)

@@ -1,5 +1,6 @@
 """Properties: their grammar, what they may name, and that monitors judge as docs/property_sentences.md says."""
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from compare_properties import VOCABULARY, Item, differences, judged
 from fame.config.loader import parse_document
 from fame.errors import ConfigError
 from fame.properties import Judge, Location, Property, Vocabulary, compile, parse
+from fame.properties.conditions import ValueSource
 from fame.properties.files import properties_of
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -136,6 +138,58 @@ def test_a_bound_is_closed() -> None:
 
 def event(second: int, *what: str) -> Item:
     return Item(second * 10**9, (*what, None))
+
+
+@pytest.mark.parametrize(
+    ("sentence", "right"),
+    [
+        ("after A throws /found until A completes, B starts y within 5 s", ("violated", None, 11)),
+        ("after A throws /found, B starts y within 5 s until A completes", ("violated", None, 11)),
+        ("between A throws /found and A completes, B starts y", ("violated", None, 9)),
+        ("after A throws /found, B starts y within 5 s", ("violated", None, 11)),
+        ("between A throws /found and A completes, B completes y only after B starts y", ("violated", None, 8)),
+        (
+            "between A throws /found and A completes, B completes y each time only after B starts y",
+            ("violated", None, 8),
+        ),
+        ("between A throws /found and A completes, B starts y at most 1 times", ("holds", 0.0, None)),
+    ],
+)
+def test_each_event_that_opens_a_scope_counts_while_another_is_open(
+    sentence: str, right: tuple[str, float | None, int | None]
+) -> None:
+    word, slack, time = right
+    thrown = [event(2, "A", "throw", "leave"), event(6, "A", "throw", "leave")]
+    items = [thrown[0], event(3, "B", "y", "enter"), thrown[1], event(8, "B", "y", "leave")]
+    end = [event(9, "A", "P_A", "end")] if "within" not in sentence else []
+    items += [item._replace(event=(*item.event[:3], "completed")) for item in end if item.event is not None]
+    expected = word, slack, None if time is None else time * 10**9
+    assert judged(parse(sentence), items, 90 * 10**9, True) == expected
+
+
+@pytest.mark.parametrize(
+    ("sentence", "good"),
+    [("never A.battery < 0.2", 0.9), ("always A.battery < 0.2", 0.1), ("never A.battery != 0.2", 0.2)],
+)
+def test_a_comparison_with_what_was_not_measured_is_not_known(sentence: str, good: float) -> None:
+    def said(*charges: float) -> str:
+        source = ValueSource("battery", "A")
+        items = [Item(second * 10**9, source=source, value=charge) for second, charge in enumerate(charges)]
+        return judged(parse(sentence), items, 10**10, True)[0]
+
+    assert said(math.nan) == said(good, math.nan) == "not known"
+    judge = Judge([compile(parse(sentence), VOCABULARY)])
+    judge.sample(2 * 10**9, ValueSource("battery", "A"), math.nan)
+    assert judge.finish(10**10, complete=True)[0].text == "A.battery is not known at 2 s"
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    ["never A throws /found where id > 1", "B throws /done each time only after A throws /found with the same id"],
+)
+def test_nor_is_a_message_whose_field_was_not_measured(sentence: str) -> None:
+    thrown = Item(10**9, ("A", "throw", "leave", None), {"id": math.nan})
+    assert judged(parse(sentence), [thrown], 10**10, True)[0] == "not known"
 
 
 def test_lost_events_make_what_needs_them_not_known() -> None:

@@ -69,10 +69,15 @@ class Condition:
         """Return its values in words."""
         return [f"{name} is {_short(get(values, time))}" for name, get in self._names]
 
+    def unknown(self, values: LastValues, time: int) -> list[str]:
+        """Return the names of its values that are not known although all were sampled."""
+        names = self._names if self.sources <= values.keys() else ()
+        return [name for name, get in names if measured(get(values, time)) is None]
+
     def _read(self, values: LastValues, time: int) -> Reading:
         holds, slack = True, None
         for get_left, compare, operator, get_right in self._parts:
-            left, right = get_left(values, time), get_right(values, time)
+            left, right = measured(get_left(values, time)), measured(get_right(values, time))
             if left is None or right is None:
                 return None
             own = _slack(left, operator, right)
@@ -111,10 +116,15 @@ def field_of(value: Any, path: Path) -> Any:
     return value
 
 
+def measured(value: Any) -> Any:
+    """Return a value; None for NaN: it was not measured, so a comparison with it is neither true nor false."""
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
 def meets(message: Any, tests: Sequence[FieldTest]) -> bool | None:
-    """Return whether a message meets all tests; None if a field is not there."""
+    """Return whether a message meets all tests; None if a field is not there, or was not measured."""
     for test in tests:
-        value = field_of(message, test.path)
+        value = measured(field_of(message, test.path))
         try:
             if value is None or not _OPERATORS[test.operator](value, test.constant):
                 return None if value is None else False

@@ -336,6 +336,8 @@ class Judge:
             one, state = self.monitors[number].parts[part], self._states[number][part]
             if state[0] == OPEN and one.condition is not None:
                 reading = one.condition.read(self.values, self.now)
+                if reading is None and (names := one.condition.unknown(self.values, self.now)):
+                    self._reasons.setdefault(number, f"{names[0]} is not known at {self.now / SECOND:g} s")
                 self._put((number, part), one.sample(state, self.now, reading), self.now, "", "")
                 if self.watch is not None and reading is not None and reading[1] is not None:
                     self._draw((number, part), reading[1])

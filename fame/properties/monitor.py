@@ -30,6 +30,7 @@ from fame.properties.conditions import (
     ValueSource,
     conditions_of,
     field_of,
+    measured,
     meets,
     subjects,
 )
@@ -114,7 +115,7 @@ class Part:
             if doubt and self._is_doubtful(state, new, time, key, doubt):
                 new = *new[:3], state[3], 2
             state = new
-        if roles & OPENS and state[0] <= OPEN:
+        if roles & OPENS and state[0] <= ANSWERED:
             return self._open(state, time, key)
         return state
 
@@ -124,7 +125,8 @@ class Part:
             failed, first, *starts = memory or (False, 0)
             begun = (failed, first, *starts, time) if starts else (failed, time, time)
             return OPEN, begun[2], begun, slack, max(triggered, 1)
-        if phase == WAITING:
+        anew = self.closes and self.pattern in _JUDGED_FROM_LAST
+        if phase in (WAITING, ANSWERED) or anew:
             opened = self._opened(time, slack, key)
             return (*opened[:4], max(triggered, opened[4]))
         if self.keyed and self.pattern == "exists" and all(key != known for known, _ in memory):
@@ -200,6 +202,8 @@ _WITHOUT_VALUE = (3, 2, 2, 3)
 """What becomes of `triggered` when the condition has no value: none yet, or no more."""
 _JUDGED_WHEN_OPEN = ("never", "at most", "exists")
 """Patterns that are judged as soon as their scope is open; the others need an event or a value in it."""
+_JUDGED_FROM_LAST = ("only after", "each time only after")
+"""Patterns that hold in every open scope if they hold in the one that was opened last, and only then."""
 
 
 def _never(part: Part, state: PartState, time: int, roles: int, key: Any) -> PartState:
@@ -384,7 +388,7 @@ class Monitor:
             met: bool | None = True
             if reaction.where:
                 met = meets(message, reaction.where)
-            key = field_of(message, reaction.same) if reaction.same else None
+            key = measured(field_of(message, reaction.same)) if reaction.same else None
             if met is None or (reaction.same and key is None):
                 found[reaction.part] = 0, _UNKNOWN_KEY
             elif met and found.get(reaction.part, (0, None))[1] is not _UNKNOWN_KEY:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
+from fame.properties.conditions import measured
 from fame.scenario.plan import Fault, named_files, read_scenario
 from fame.scenario.property_statistics import columns
 from fame.scenario.run import Run
@@ -151,11 +152,20 @@ class _Variables:
     """The variables of a robot as attributes, for expressions such as ``REX.x_target``."""
 
     def __init__(self, variables: Mapping[str, Any]) -> None:
-        self.__dict__.update(variables)
+        self._variables = variables
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a variable. Raises ValueError for one that was not measured: no comparison with it means anything."""
+        if name not in self._variables:
+            raise AttributeError(name)
+        value = self._variables[name]
+        if value is not None and measured(value) is None:
+            raise ValueError(f"{name} was not measured")
+        return value
 
 
 def _measured(text: str, variables: Mapping[str, _Variables]) -> Any:
-    """The value of a measure; None if it cannot be computed, as for a variable that was never set."""
+    """The value of a measure; None if it cannot be computed: a variable was never set, or not measured (NaN)."""
     from fame.bpmn.model import Expression
     from fame.scripting import compile_expression
 
@@ -163,7 +173,7 @@ def _measured(text: str, variables: Mapping[str, _Variables]) -> Any:
         value = compile_expression(Expression(text), file="measure", element="")(dict(variables))
     except Exception:
         return None
-    return value if isinstance(value, bool | int | float | str) else None
+    return measured(value) if isinstance(value, bool | int | float | str) else None
 
 
 def cause_of(result: Any) -> str:

@@ -149,12 +149,24 @@ def _over_channels(function: Callable[..., Any]) -> Callable[[Any], Any]:
     return lambda values: function(np.asarray(values).reshape(len(values), -1), axis=1)
 
 
+def _unless_unknown(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, but NaN where its first or second operand is: what was not measured is not known, nor is this."""
+
+    def judge(*operands: Any) -> Any:
+        numbers = [each for each in operands[:2] if np.asarray(each).dtype.kind == "f"]
+        unknown = reduce(np.logical_or, map(np.isnan, numbers), False)
+        value = function(*operands)
+        return np.where(unknown, np.nan, value) if np.any(unknown) else value
+
+    return judge
+
+
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(np, name) for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "arctan2", "sign")},
     **{name: _over_channels(getattr(np, name)) for name in ("mean", "max", "min", "sum")},
     "norm": _over_channels(np.linalg.norm),
     "clip": np.clip,
-    "where": np.where,
+    "where": lambda test, *values: _unless_unknown(lambda known: np.where(known, *values))(test),
 }
 _TAKES = {"arctan2": 2, "clip": 3, "where": 3}  # the others one; numpy would write to one more
 _OPERATORS: dict[type, Callable[..., Any]] = {
@@ -184,15 +196,15 @@ def _evaluator(node: ast.expr) -> Evaluate:
     if isinstance(node, ast.Name):
         return _name(node.id)
     if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
-        return _applied(_OPERATORS[type(node.op)], node.operand)
+        return _applied(_unless_unknown(_OPERATORS[type(node.op)]), node.operand)
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _applied(_OPERATORS[type(node.op)], node.left, node.right)
     if isinstance(node, ast.BoolOp):
-        return _applied(lambda *parts: reduce(_OPERATORS[type(node.op)], parts), *node.values)
+        return _applied(lambda *parts: reduce(_unless_unknown(_OPERATORS[type(node.op)]), parts), *node.values)
     if isinstance(node, ast.Compare) and all(type(each) in _OPERATORS for each in node.ops):
         pairs = zip((node.left, *node.comparators), node.ops, node.comparators, strict=False)
-        comparisons = [_applied(_OPERATORS[type(each)], left, right) for left, each, right in pairs]
-        return lambda arrays: reduce(np.logical_and, [compare(arrays) for compare in comparisons])
+        comparisons = [_applied(_unless_unknown(_OPERATORS[type(each)]), left, right) for left, each, right in pairs]
+        return lambda arrays: reduce(_unless_unknown(np.logical_and), [compare(arrays) for compare in comparisons])
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         if node.func.id not in _FUNCTIONS:
             raise ValueError(f"unknown function {node.func.id}; known are {', '.join(sorted(_FUNCTIONS))}")
