@@ -7,6 +7,7 @@ import pytest
 from bpmn_text import document, properties
 
 from fame.bpmn import read_text
+from fame.bpmn.conversion import convert
 from fame.bpmn.split import split
 from fame.check import check
 from fame.check.explain import readings
@@ -133,3 +134,39 @@ def test_messages_that_match_nothing_are_noted_for_each_topic() -> None:
     waiting = [wait for ends in robot.engine.listeners.values() for wait in ends]
     misses = {wait.node.id: robot.waiting.last_miss(wait) for wait in waiting}
     assert misses == dict.fromkeys(("take_pears", "take_plums"), (SECOND, "its correlation keys do not match"))
+
+
+@pytest.mark.parametrize("order_id", [7, 7.5, 1e-7, True, "7"])
+def test_a_key_sent_as_text_equals_the_number_that_it_was(order_id: object) -> None:
+    key = create(TYPE, {"key": order_id}).key
+    assert isinstance(key, str)
+    model = document(
+        '<message id="Picked" name="Picked"/><process id="P" isExecutable="true"><startEvent id="s"/>'
+        f"{catching('catch')}{flow('s', 'c')}</process>"
+    )
+    run = Simulation(read_text(model), variables={"order_id": order_id}).run()
+    assert run.signal("Picked", {"key": "8"}).instances[0].status == "running"
+    assert run.signal("Picked", {"key": key}).instances[0].status == "completed"
+
+
+def key_of_camunda_8(key: str) -> str:
+    said = f'<extensionElements><zeebe:subscription correlationKey="{key}"/></extensionElements>'
+    return document(
+        f'<message id="Picked" name="Picked">{said}</message><process id="P" isExecutable="true"><startEvent id="s"/>'
+        f'<receiveTask id="c" messageRef="Picked">{properties(type=TYPE)}</receiveTask>{flow("s", "c")}</process>'
+    )
+
+
+@pytest.mark.parametrize("key", ["=orders[1].key", "=key + 1", "=&quot;a&quot; + key", "=string(key)", "key"])
+def test_a_key_of_camunda_8_that_is_computed_is_refused_where_it_counts(key: str) -> None:
+    (found,) = check(read_text(key_of_camunda_8(key)))
+    assert (found.level, found.element) == ("error", "c")
+    assert "expected a variable of the process or a field of one, as =order_id" in found.text
+    assert convert(read_text(key_of_camunda_8(key))) == read_text(key_of_camunda_8(key)).source
+
+
+@pytest.mark.parametrize("key", ["=order.key", "= order.key ", "${order.key}"])
+def test_a_key_of_camunda_8_that_is_a_field_correlates(key: str) -> None:
+    run = Simulation(read_text(key_of_camunda_8(key)), variables={"order": {"key": "a"}}).run()
+    assert run.signal("Picked", {"key": "b"}).instances[0].status == "running"
+    assert run.signal("Picked", {"key": "a"}).instances[0].status == "completed"

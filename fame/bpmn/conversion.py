@@ -114,7 +114,7 @@ def _rewrite_message_lists(event: Node, holder: Node) -> None:
 def _correlate(root: Node, message: Node, found: Extensions) -> None:
     """Write the key of a message as a correlation property (BPMN 2.0, chapter 8.3.2)."""
     assert found.key is not None
-    key = found.key.text.strip("${} ")
+    key = found.key.text
     correlation = etree.Element(f"{_B}correlationProperty", {"id": f"{message.get('id')}_Key", "name": key})
     correlation.append(
         etree.Element(f"{_B}correlationPropertyRetrievalExpression", {"messageRef": message.get("id", "")})

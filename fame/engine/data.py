@@ -16,12 +16,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from enum import Enum
 from functools import cache
+from numbers import Real
 from operator import attrgetter
 from types import ModuleType
 from typing import Any
 
 from fame.bpmn.model import DataObject, Process, Topic
 from fame.engine.program import Compiled
+from fame.text import as_number
 
 BUILTINS = "__builtins__"
 
@@ -308,14 +310,23 @@ def correlation(
 ) -> list[tuple[str, Any]] | None:
     """Return the keys of a message that correlates with an event by these variables, else None (standard 8.3.2).
 
-    A key that has a value must equal that of the message.
+    A key that has a value must equal that of the message; a number equals the text that a typed message makes of it.
     """
     inner = Variables(variables, {"msg": message})
     try:
         found = [(name, source(inner)) for name, source in keys]
     except Exception:  # a message that lacks the key is for another receiver
         return None
-    return None if any(_held(variables, name) not in (UNDEFINED, value) for name, value in found) else found
+    return found if all(_equals(_held(variables, name), value) for name, value in found) else None
+
+
+def _equals(held: Any, value: Any) -> bool:
+    if held in (UNDEFINED, value):
+        return True
+    number, text = (value, held) if isinstance(held, str) else (held, value)
+    if isinstance(number, bool):
+        return bool(text == str(number).lower())
+    return isinstance(number, Real) and isinstance(text, str) and as_number(text) == number
 
 
 def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any) -> bool:

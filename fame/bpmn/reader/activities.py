@@ -108,7 +108,7 @@ def _message(
         leaving = (Assignment(one.target, Expression(one.target, "python", one.source.line)) for one in takes)
         node.extensions.outputs = list(leaving)
     topic = read_topic(TopicSource(node, "catch", takes), node.element, "message", topic_properties)
-    return topic, message_keys(node.context, node.get("messageRef")) + topic_properties.keys
+    return topic, message_keys(node, node.get("messageRef")) + topic_properties.keys
 
 
 def _service(node: NodeReader) -> Topic | None:

@@ -264,24 +264,27 @@ def _signal(source: TopicSource, element: Node) -> SignalDefinition:
 
 def _message(source: TopicSource, element: Node) -> MessageDefinition:
     topic = _topic(source, element, "message")
-    keys = message_keys(source.node.context, element.get("messageRef"))
-    keys += source.properties.keys if source.properties is not None and source.place not in THROWS else ()
+    catches = source.properties is not None and source.place not in THROWS
+    keys = message_keys(source.node, element.get("messageRef")) if catches else ()
+    keys += source.properties.keys if source.properties is not None and catches else ()
     return MessageDefinition(topic=topic, keys=keys, line=line_of(element))
 
 
-def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Expression], ...]:
+def message_keys(node: NodeReader, reference: str | None) -> tuple[tuple[str, Expression], ...]:
     """Return the correlation keys of a message: variable of the process -> expression over ``msg``.
 
     From correlation properties (BPMN 2.0, chapter 8.3.2); a Camunda 8 key ``=order.id`` correlates with field ``id``.
     """
+    context = node.context
     message = context.root(reference)
     if message is None:
         return ()
     found: list[tuple[str, Expression]] = []
-    key = read_extensions(context, message).key
-    if key is not None:
-        field = key.text.rpartition(".")[2].strip("${} ")
-        found.append((key.text.strip("${} "), Expression(f"${{msg.{field}}}", "juel", key.line)))
+    extensions = read_extensions(context, message)
+    if extensions.refused:
+        context.fault(node.element, extensions.refused)
+    if (key := extensions.key) is not None:
+        found.append((key.text, Expression(f"${{msg.{key.text.rpartition('.')[2]}}}", "juel", key.line)))
     for one in context.roots.values():
         if local_name(one) == "correlationProperty":
             for retrieval in children(one, "correlationPropertyRetrievalExpression"):

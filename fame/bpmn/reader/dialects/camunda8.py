@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Set
 
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects.camunda7 import PEOPLE, add_people
-from fame.bpmn.reader.dialects.extensions import Extensions, Property
+from fame.bpmn.reader.dialects.extensions import PATH, Extensions, Property
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node, line_of, local_name
 
+_KEY = re.compile(rf"=\s*({PATH})|[$#]{{\s*({PATH})\s*}}")
 IGNORED: Set[str] = {
     "userTask", "taskSchedule", "priorityDefinition",
     "executionListeners", "taskListeners", "linkedResources",
@@ -108,7 +110,12 @@ def _script(context: Context, node: Node, found: Extensions) -> None:
 
 def _subscription(context: Context, node: Node, found: Extensions) -> None:
     key = node.get("correlationKey", "").strip()
-    found.key = mapping_source(key, line_of(node)) if key else None
+    match = _KEY.fullmatch(key)
+    if match is not None:
+        found.key = Expression(match[1] or match[2], "feel", line_of(node))
+    elif key:
+        right = "a variable of the process or a field of one, as =order_id; set a variable to what is computed"
+        found.refused = f"the correlationKey of its message is {key!r}: expected {right}"
 
 
 def _form(context: Context, node: Node, found: Extensions) -> None:

@@ -190,7 +190,9 @@ def _seconds(context: Context, element: Node, text: str) -> float:
     return seconds
 
 
-_KEY = re.compile(r"\s*([^\W\d]\w*(?:\.\w+)*)\s*(?:=\s*([^\W\d]\w*(?:\.\w+)*))?\s*")
+PATH = r"[^\W\d]\w*(?:\.\w+)*"
+"""A variable, or a field of one."""
+_KEY = re.compile(rf"\s*({PATH})\s*(?:=\s*({PATH}))?\s*")
 
 
 def _keys(context: Context, element: Node, given: Property | None) -> Iterator[tuple[str, Expression]]:
