@@ -248,7 +248,7 @@ class Engine(EngineState):
         """Move every token until it waits."""
         ready, pop = self.ready, self.ready.popleft
         left, portion = self.limit, self.portion
-        price, self.suspensions = self.limit // SUSPENSIONS, 0
+        self.suspensions = 0
         moves = repeat(None, portion)
         self.unsettled: bool = bool(self.conditions)
         while True:
@@ -269,6 +269,7 @@ class Engine(EngineState):
                     if node is None:
                         break
                 else:
+                    price = self.limit // SUSPENSIONS
                     left, moves = left - portion - self.suspensions * price, repeat(None, portion)
                     self.suspensions = 0
                     self.observe()

@@ -376,9 +376,9 @@ class RobotNode:
         """
         full = resolve(topic, self.namespace)
         inbox, name = self.runner.inbox, self.endpoints.qualified(full)
-        if name is None and full not in inbox.types:
+        type = (self.mission.types[name].declared if name is not None else None) or inbox.type_of(full)
+        if name is None and type is None:
             self._check_topic(full)
-        type = (self.mission.types[name].declared if name is not None else None) or inbox.types.get(full)
         message = messages.create(type, value) if type is not None else value
         if name is not None:
             self.on_message(name, message)
@@ -398,10 +398,11 @@ class RobotNode:
         if self._early is not None:
             self._early.append((topic, message))
             return
-        listeners = self.engine.listeners.get(topic)
+        engine = self.engine
+        listeners = engine.listeners.get(topic)
         self.waiting.on_message(topic, awaited=listeners is not None)
-        correlated = [end for end in listeners if end.catch.keys] if listeners else ()
-        self.engine.deliver(topic, message)
+        correlated = [end for end in listeners or () if end.catch.keys] if topic in engine.program.messages else ()
+        engine.deliver(topic, message)
         if correlated:
             self.waiting.on_uncorrelated(topic, [end.key for end in correlated if end.alive])
         self.runner.poll()

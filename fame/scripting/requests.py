@@ -265,10 +265,10 @@ class Inbox:
         self._listeners[name] = listener
         return listener
 
-    @property
-    def types(self) -> dict[str, str]:
-        """The type of each topic that scripts have subscribed to, by full name."""
-        return {topic: listener.type for topic, listener in self._listeners.items()}
+    def type_of(self, topic: str) -> str | None:
+        """Return the type of a topic (full name) that scripts have subscribed to, else None."""
+        listener = self._listeners.get(topic)
+        return listener.type if listener is not None else None
 
     def latest(self, topic: str, type: str | None = None) -> AnyMessage | None:
         """Return the latest message since the subscription, None if there was none. Raises what `listen` raises."""
