@@ -111,7 +111,10 @@ class Simulation:
 
     @property
     def instances(self) -> list[Instance]:
-        """Every instance there has been, in the order of their starts."""
+        """The instances in the order of their starts: all that run, and the last thousand of those that have ended.
+
+        `node.started`, `node.completed` and `node.failed` count all there have been.
+        """
         return self.node.instances
 
     @property

@@ -244,3 +244,13 @@ def test_an_ended_instance_leaves_nothing_that_only_the_search_for_cycles_would_
         simulation.start()
     simulation.instances.clear()
     assert gc.collect() == 0
+
+
+def test_of_the_instances_that_have_ended_the_last_thousand_are_kept_and_all_are_counted() -> None:
+    simulation = fame.Simulation(model('<startEvent id="s"/><userTask id="u"/>', ("s", "u"))).run()
+    for _ in range(1003):
+        simulation.start()
+        simulation.complete("u")
+    kept = simulation.instances
+    assert [one.status for one in kept] == ["completed"] * 1000 + ["running"]
+    assert (simulation.node.started, simulation.node.completed) == (1004, 1003)

@@ -232,8 +232,6 @@ class EngineHost:
     def begun(self, instance: Instance) -> None:
         self.started += 1
         self.instances.append(instance)
-        if self._options.keep is not None:
-            del self.instances[: -self._options.keep]
 
     def ended(self, instance: Instance) -> None:
         if instance.error is not None:
@@ -248,6 +246,8 @@ class EngineHost:
             self.recorder.instance_ended(instance)
         self._options.on_end(instance)
         self.scripts.forget(instance.root_variables)
+        if len(self.instances) - len(self.engine.instances) > self._options.keep:
+            self.instances.remove(next(each for each in self.instances if each.status != "running"))
 
     def _located(self, error: MissionError) -> MissionError:
         """The error of an instance with the robot, and the line of the script that raised it."""

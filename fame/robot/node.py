@@ -211,7 +211,8 @@ class RobotNode:
 
     @property
     def instances(self) -> list[Instance]:
-        """The process instances, in the order in which they started; as many as `keep` says."""
+        """The process instances, in the order of their starts: all that run, and of those that have ended the last
+        (`fame.robot.options.RobotOptions.keep`)."""
         return self.host.instances
 
     @property

@@ -47,7 +47,7 @@ class RobotOptions:
     random     its random numbers; default: those of seed 0 (`fame.randomness`)
     strict     an undefined name in a payload is an error, not a warning
     until      when the run ends at the latest (ns): dates and cycles that are due later are reported
-    keep       how many instances to remember (all by default); `started`, `completed` and `failed` count all
+    keep       how many instances that have ended to remember; `started`, `completed` and `failed` count all
     on_end     called with each instance that has ended
     built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
     files      folder that built-in services take names of files from; default: that of the model
@@ -63,7 +63,7 @@ class RobotOptions:
     random: Random | None = None
     strict: bool = False
     until: int | None = None
-    keep: int | None = None
+    keep: int = 1000
     on_end: Callable[[Instance], object] = lambda instance: None
     built_in_services: Mapping[str, BuiltInService] = field(default_factory=dict)
     files: Path | None = None

@@ -249,14 +249,13 @@ def status_of(robots: Sequence[RobotResult], unstarted: Sequence[str]) -> Status
 
 def robot_result(node: RobotNode, waits: tuple[WaitingToken, ...]) -> RobotResult:
     """Return the result of one robot, from its engine; `waits` are its waiting tokens."""
-    instances = node.instances
     return RobotResult(
         name=node.name,
-        instances=len(instances),
-        completed=sum(instance.status == "completed" for instance in instances),
-        failed=sum(instance.status == "failed" for instance in instances),
-        elements=sum(instance.visits.total() for instance in instances),
-        errors=tuple(instance.error for instance in instances if instance.error is not None),
+        instances=node.started,
+        completed=node.completed,
+        failed=node.failed,
+        elements=node.elements,
+        errors=tuple(instance.error for instance in node.instances if instance.error is not None),
         waits=waits,
         ahead=node.pending_starts,
         untaken=node.untaken(),

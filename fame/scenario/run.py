@@ -379,6 +379,7 @@ class Run:
             if self.observer is not None:
                 self.observer(Event(self.scheduler.now, node.name, instance.key, root, process, "end", "failed"))
         node.host.failed += len(node.engine.instances)
+        node.host.elements_done = node.elements
         node.engine.instances.clear()
         node.node.close()  # first, so that scripts that are cancelled cannot publish
         node.close()
