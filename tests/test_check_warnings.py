@@ -39,6 +39,12 @@ WARNINGS = {
         "t: what is published does not fit: std_msgs/msg/ColorRGBA: red: there is no such field; "
         "those of std_msgs/msg/ColorRGBA are r, g, b, a",
     ),
+    "compensation of a task without a handler": (
+        row(script("x = 1"))
+        + '<endEvent id="undo"><compensateEventDefinition activityRef="t"/></endEvent>'
+        + flows("t undo"),
+        "undo: compensates t, which has no compensation handler: nothing is undone",
+    ),
     "an element that nothing leads to": (
         row(script("x = 1")) + script("y = 1", "lost"),
         "lost: is never reached: no flow leads here from a start",

@@ -235,6 +235,10 @@ def test_the_tables_have_every_element() -> None:
 
 
 RESOURCE = "conditionExpression camunda:resource='c.groovy'"
+COMPENSATING = (
+    '<subProcess id="h{0}" triggeredByEvent="true"><startEvent id="t{0}"><compensateEventDefinition/></startEvent>'
+    "</subProcess>"
+)
 REFUSED = {
     "an event sub-process needs a start event with a trigger": event("none", "event sub-process, interrupting"),
     "a boundary event needs a trigger": event("none", "boundary, interrupting"),
@@ -252,6 +256,14 @@ REFUSED = {
     "a compensation event needs one handler; it has 0":
         event("compensation", "boundary").replace("<association", "<association associationDirection='None'")
         .replace('sourceRef="x"', 'sourceRef="s"'),
+    "its activity has another compensation handler: expected one, which may be a sub-process":
+        event("compensation", "boundary") + f'<boundaryEvent id="y" attachedToRef="p">{DEFINITIONS["compensation"]}'
+        "</boundaryEvent>",
+    "its scope has another event sub-process for compensation: expected one": START
+        + f'<subProcess id="w">{"".join(map(COMPENSATING.format, "ab"))}</subProcess>' + flow("s", "w"),
+    "its activityRef is 'A': expected an activity of its scope; known are: a":
+        START + '<task id="a"/><endEvent id="x"><compensateEventDefinition activityRef="A"/></endEvent>'
+        + flow("s", "a", "x"),
     "link 'l' has 0 catching events in this scope; it needs one":
         START + f'<intermediateThrowEvent id="x">{DEFINITIONS["link"]}</intermediateThrowEvent>' + flow("s", "x"),
     "leads to t: expected a catching event or a receive task": f'{START}<eventBasedGateway id="x"/>{TASK}'

@@ -19,6 +19,7 @@ from fame.engine.host import BpmnError
 from fame.engine.program import Handler, LoopInstance, Node, StepFunction
 from fame.engine.scope_compiler import ScopeCompiler, boundary_of
 from fame.engine.state import Record, Scope
+from fame.text import suggestion
 
 NESTED = 100
 """How deep records may be inside each other: they are stored recursively."""
@@ -189,6 +190,11 @@ def thrown(
     part: str = "",
 ) -> Node:
     """Make a compensation throw event."""
+    nodes = [node for body in context.compensates for node in body.nodes]
+    activities = [node.id for node in nodes if isinstance(node, model.Activity) and not node.for_compensation]
+    if definition.activity is not None and definition.activity not in activities:
+        known = suggestion(definition.activity, activities)
+        context.refuse(f"its activityRef is {definition.activity!r}: expected an activity of its scope; {known}", event)
     undoing = context.node(event, compensate, part if definition.wait else "/beside", Compensate(definition.activity))
     undoing.ended = _undone
     if definition.wait:
@@ -197,8 +203,18 @@ def thrown(
     return context.node(event, beside, part, undoing)
 
 
+def is_compensation_handler(node: model.FlowNode) -> bool:
+    """Return whether a node is an event sub-process for compensation."""
+    starts = node.body.events("start") if node.triggered_by_event and node.body is not None else []
+    return any(event.defined(model.CompensateDefinition) for event in starts)
+
+
 def compensable(context: ScopeCompiler, event: model.Event) -> None:
     """Make a compensation boundary event and link the handler associated with it."""
+    others = [one for one in context.content.boundary(event.attached_to) if one.defined(model.CompensateDefinition)]
+    inside = context.model[event.attached_to].body
+    if len(others) > 1 or (inside is not None and any(map(is_compensation_handler, inside.nodes))):
+        context.refuse("its activity has another compensation handler: expected one, which may be a sub-process", event)
     targets = [target for source, target in context.content.associations if source == event.id]
     if len(targets) != 1 or len(event.definitions) > 1:
         context.refuse(f"a compensation event needs one handler; it has {len(targets)}", event)

@@ -73,6 +73,7 @@ class ScopeCompiler:
     leads           links the outgoing flows of an element, for families that do it themselves
     compensated     the node that compensation refers to, if it is not the node of the element
     transaction     whether it is inside a transaction
+    compensates     the bodies whose activities its compensation events undo
     depth           how many sub-processes and calls it is inside
     """
 
@@ -91,6 +92,8 @@ class ScopeCompiler:
         depth: int = 0,
     ) -> None:
         self.compiler, self.file, self.owner, self.content = compiler, file, owner, owner.body
+        handled = outer is not None and isinstance(owner, model.SubProcess) and owner.triggered_by_event
+        self.compensates: list[model.Body] = [owner.body, outer.content] if outer and handled else [owner.body]
         self.body: Body = body or Body(owner.id)
         self.body.transaction = isinstance(owner, model.SubProcess) and owner.kind == "transaction"
         self.depth: int = outer.inside(owner) if outer else depth

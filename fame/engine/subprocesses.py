@@ -155,6 +155,8 @@ def make_handler(context: ScopeCompiler, element: model.SubProcess) -> None:
     for event, node in nodes:
         node.part_of = handler
         if isinstance(node.spec, FaultCatch) and node.spec.kind == "compensate":
+            if context.compensation is not None:
+                context.refuse("its scope has another event sub-process for compensation: expected one", element)
             context.compensation = node
             continue
         node.index, node.step = UNCOUNTED, steps.pass_on

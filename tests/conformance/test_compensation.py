@@ -169,6 +169,41 @@ def test_a_compensation_event_needs_a_handler() -> None:
         Run(start() + script("a") + boundary("b", "a", THROW) + path("s a"))
 
 
+def refused(content: str) -> str:
+    with pytest.raises(ModelError) as caught:
+        Run(content)
+    return caught.value.text
+
+
+def test_an_activity_has_one_compensation_handler() -> None:
+    twice = undo("a") + undo("a").replace("c_a", "d_a").replace("u_a", "v_a").replace("l_a", "m_a")
+    assert "its activity has another compensation handler" in refused(start() + script("a") + twice + path("s a"))
+    inner = handler("h", start("t", THROW))
+    assert "its scope has another event sub-process for compensation" in refused(
+        start() + sub("p", script("a") + inner + handler("i", start("v", THROW))) + path("s p")
+    )
+    both = sub("p", script("a") + handler("h", start("t", THROW))) + undo("p")
+    assert "its activity has another compensation handler" in refused(start() + both + path("s p"))
+
+
+@pytest.mark.parametrize("activity", ["A", "s", "u_a", "p", "inside"])
+def test_what_is_compensated_is_an_activity_of_the_scope(activity: str) -> None:
+    content = start() + sub("q", script("inside")) + script("a") + undo("a") + throw("t", only(activity))
+    text = refused(content + path("s q a t"))
+    assert text.startswith(f"its activityRef is {activity!r}: expected an activity of its scope; ")
+
+
+@pytest.mark.parametrize("reference", ["a", " a ", "tns:a"])
+def test_the_activity_is_found_as_other_references_are(play: Play, reference: str) -> None:
+    assert play(ROW + throw("t", only(reference)) + path("s a b t")).run().log == "s a b (t c_a u_a t) =completed"
+
+
+def test_a_handler_compensates_an_activity_of_the_scope_that_it_handles(play: Play) -> None:
+    handling = handler("h", start("ht", signal("A")) + throw("t", only("a")) + path("ht t"))
+    content = start() + script("a") + undo("a") + script("b") + undo("b") + user("u") + path("s a b u") + handling
+    assert "(t c_a u_a t) h)" in play(content).run().signal("A").log
+
+
 # ---- transactions ------------------------------------------------------------------------------------------------
 
 

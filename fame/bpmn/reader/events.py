@@ -391,7 +391,9 @@ def _terminate(source: TopicSource, element: Node) -> TerminateDefinition:
 
 def _compensate(source: TopicSource, element: Node) -> CompensateDefinition:
     wait = boolean_attribute(source.node.context, element, "waitForCompletion", True)
-    return CompensateDefinition(activity=local_id(element, "activityRef") or None, wait=wait, line=line_of(element))
+    activity = source.node.context.find_in_file(element, element.get("activityRef"))
+    id = activity.get("id", "") if activity is not None else local_id(element, "activityRef")
+    return CompensateDefinition(activity=id or None, wait=wait, line=line_of(element))
 
 
 def _cancel(source: TopicSource, element: Node) -> CancelDefinition:
