@@ -22,13 +22,17 @@ def skip_without_drive(backend: str) -> None:
 
 
 class Server:
-    """The action ``drive`` of a node. `step` moves all goals by a metre; `refuse` says which to reject."""
+    """The action ``drive`` of a node. `step` moves all goals by a metre; `refuse` says which to reject.
+
+    `obeys`: whether it cancels goals; False: it refuses, None: it says that it does, and does not.
+    """
 
     def __init__(self, node: Node, name: str = "drive") -> None:
         self.refuse: Callable[[float], bool] = lambda distance: distance < 0
         self.goals: dict[bytes, list[float]] = {}  # id -> wanted, driven
         self.on_goal: Callable[[], object] = lambda: None
         self.cancelled: list[bytes] = []
+        self.obeys: bool | None = True
         self._accepted: dict[bytes, ServerGoal] = {}
         self.server = ActionServer(
             node, name, DRIVE, self._begin, self._cancel, lambda goal: not self.refuse(goal.distance)
@@ -50,6 +54,8 @@ class Server:
         self.goals[goal.id] = [goal.message.distance, 0.0]
         self.on_goal()
 
-    def _cancel(self, goal: ServerGoal) -> None:
+    def _cancel(self, goal: ServerGoal) -> bool | None:
         self.cancelled.append(goal.id)
-        self.end(goal.id, 5)
+        if self.obeys:
+            self.end(goal.id, 5)
+        return self.obeys

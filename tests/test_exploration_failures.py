@@ -118,6 +118,14 @@ def test_a_behaviour_with_a_service_may_fail_too(inside: str) -> None:
     assert judged(goes(CALLS, boundary(), beside=called(inside)), "P completes").verdict == "proved"
 
 
+@pytest.mark.parametrize(("more", "verdict"), [({}, "proved"), ({"wait_cancelled": "5"}, "not known")])
+def test_a_goal_that_waits_for_cancelled_ones_may_fail_by_that(more: dict[str, str], verdict: str) -> None:
+    codes = ("service", "aborted", "rejected")
+    errors = "".join(f'<error id="E{code}" errorCode="{code}"/>' for code in codes)
+    caught = "".join(boundary(f"E{code}") for code in codes)
+    assert judged(errors + goes(service(GO, **more), caught), "never P fails").verdict == verdict
+
+
 WORK = '<serviceTask id="{}" name="Go there" {}/>'
 
 

@@ -46,6 +46,7 @@ class Place:
         self.blades = node.service("blade", SET_BOOL, self._switch)
         self.stop = node.publisher("/stop", "std_msgs/msg/Empty")
         self.robots: list[RobotNode] = []
+        self.reports: list[Any] = []
 
     def _switch(self, request: Any) -> Any:
         self.blade.append(request.data)
@@ -59,7 +60,9 @@ class Place:
             make_mission(definitions, definitions.processes[0]),
             scheduler=self.here.scheduler,
             middleware=next(iter(middlewares(self.here))),
-            options=RobotOptions(hold_errors=hold_errors),
+            options=RobotOptions(
+                hold_errors=hold_errors, on_report=lambda event: self.reports.append(str(event.detail))
+            ),
         )
         self.robots.append(robot)
         robot.load()
@@ -235,6 +238,85 @@ def test_scripts_act_too(here: World, place: Place) -> None:
         here.until(lambda r=remaining: not instance.variables["seen"] or r in instance.variables["seen"])
     place.end(instance)
     assert (instance.variables["driven"], instance.variables["code"]) == (2.0, "rejected")
+
+
+# ---- servers that do not cancel --------------------------------------------------------------------------------------
+
+REFUSED = "/REX/drive: a cancelled goal still runs: its server refuses to cancel it"
+
+
+def twice(more: str = "", **said: str) -> str:
+    """Drive 9 m, but once the signal comes 1 m instead; `said` are properties of that."""
+    task = properties(action="drive", type=DRIVE, payload="{distance: 1}", **said)
+    return drive("9", ON_STOP.replace('targetRef="e"', 'targetRef="u"') + f"""<serviceTask id="u">{task}</serviceTask>
+      <sequenceFlow id="i" sourceRef="u" targetRef="e"/>{more}""")  # fmt: skip
+
+
+def stopped(here: World, place: Place, text: str) -> Any:
+    """The instance of a model that is told to stop while it drives, by a server that does not obey."""
+    place.server.obeys = False
+    instance = place.run(text)
+    here.connect("/stop")
+    until(here, lambda: place.server.goals)
+    soon(here)
+    place.stop.publish(fame.middleware.messages.create("std_msgs/msg/Empty"))
+    return instance
+
+
+def test_a_refused_cancel_is_reported_until_the_goal_ends_and_the_next_goal_is_sent_beside_it(
+    here: World, place: Place
+) -> None:
+    instance, cancelled = stopped(here, place, twice()), place.robots[-1].runner.cancelled
+    until(here, lambda: len(place.server.goals) == 2 and cancelled.texts())
+    assert (cancelled.texts(), cancelled.actions(), place.reports) == ([REFUSED], ["/REX/drive"], [REFUSED])
+    place.server.end(place.server.cancelled[0], 4)
+    until(here, lambda: not cancelled.actions())
+    assert (cancelled.texts(), place.reports) == ([], [REFUSED, "/REX/drive: the cancelled goal has ended"])
+    soon(here)
+    place.server.step()
+    assert place.end(instance).status == "completed"
+
+
+def test_a_goal_may_wait_until_cancelled_ones_have_ended(here: World, place: Place) -> None:
+    instance = stopped(here, place, twice(wait_cancelled="60"))
+    until(here, lambda: place.reports)
+    soon(here)
+    assert len(place.server.goals) == 1
+    place.server.end(place.server.cancelled[0], 4)
+    until(here, lambda: place.server.goals)
+    soon(here)
+    place.server.step()
+    assert place.end(instance).status == "completed"
+
+
+def test_a_goal_that_waits_in_vain_fails_and_a_model_hears_of_it(here: World, place: Place) -> None:
+    heard = """<subProcess id="k" triggeredByEvent="true"><startEvent id="ks" isInterrupting="false">
+      <signalEventDefinition signalRef="T"/></startEvent></subProcess>"""
+    text = twice(heard, wait_cancelled="0.3").replace("<error ", '<signal id="T" name="~/still_running"/><error ', 1)
+    instance = place.end(stopped(here, place, text))
+    assert (instance.error.code, instance.variables["still_running"]) == ("still_running", "/REX/drive")
+    assert len(place.server.goals) == 1
+
+
+@pytest.mark.parametrize("here", ["local"], indirect=True)
+def test_a_cancel_without_an_end_is_reported_after_five_seconds(here: World, place: Place) -> None:
+    stopped(here, place, twice())
+    place.server.obeys, begun = None, here.scheduler.now
+    until(here, lambda: place.reports)
+    assert place.reports == ["/REX/drive: a cancelled goal still runs: it has not ended within 5 s"]
+    assert 5 <= (here.scheduler.now - begun) / 1e9 < 6
+    place.server.server.close()
+    soon(here)
+    assert place.robots[-1].runner.cancelled.texts() == [
+        "/REX/drive: a cancelled goal may still run: its server has left"
+    ]
+    restart(here, place)
+    until(here, lambda: not place.robots[-1].runner.cancelled.actions())
+
+
+def test_how_long_a_goal_waits_is_a_number_of_seconds(here: World, place: Place) -> None:
+    with pytest.raises(ModelError, match="property wait_cancelled: expected a number of seconds, got 'soon'"):
+        place.run(drive(wait_cancelled="soon"))
 
 
 # ---- servers that leave ----------------------------------------------------------------------------------------------

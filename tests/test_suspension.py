@@ -5,11 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from deployment_field import definitions, process
+from action_server import DRIVE as DRIVE_TYPE, Server
+from bpmn_text import NAMESPACES, properties
+from deployment_field import Field, definitions, process
 from test_resumption import POOL, Durable, request, told
 
 from fame.cli.robots import rows
 from fame.deploy import Envelope, Report
+from fame.deploy.diagnostics import TYPE, WARN
 
 ANN = "ann@desk (unverified)"
 DRIVE = definitions(
@@ -227,6 +230,61 @@ def test_what_was_held_for_a_deployment_when_the_engine_ended_is_done_once(field
     before = n(field)
     field.pass_time(5)
     assert (field.engine.deployed, field.engine.running.engine.held, n(field)) == ("d1", None, before + 5)
+
+
+# ---- goals that still run ------------------------------------------------------------------------------------------
+
+GOAL = definitions(
+    POOL,
+    process(
+        "p",
+        '<startEvent id="s"/><serviceTask id="go">'
+        f"{properties(action='drive', type=DRIVE_TYPE, payload='{distance: 9}')}</serviceTask>",
+        ("s", "go"),
+    ),
+).replace("<definitions ", f"<definitions xmlns:camunda='{NAMESPACES['camunda']}' ")
+REFUSED = "/A/drive: a cancelled goal still runs: its server refuses to cancel it"
+
+
+@pytest.fixture
+def driving() -> Field:
+    """A robot that drives, and a server that does not obey."""
+    made = Field("A", diagnostics=True)
+    made.server = Server(made.middleware.node("base", "A"))
+    made.server.obeys = False
+    made.statuses = []
+    made.person.subscription("/diagnostics", TYPE, lambda message: made.statuses.append(message.status[0]))
+    made.deploy(GOAL)
+    assert len(made.server.goals) == 1
+    return made
+
+
+def test_while_its_goal_still_runs_a_suspended_robot_says_so(driving: Field) -> None:
+    answer = ask(driving, "suspend", who="ann@desk")
+    assert answer.reason == "its goal still runs until its server has cancelled it: /A/drive"
+    driving.pass_time(1)
+    said = driving.said[-1]
+    assert (said.state, said.suspended["goals"], said.warnings) == ("suspended", ["/A/drive"], [REFUSED])
+    told = [row[6] for row in rows("A", said)]
+    assert f"suspended by {ANN}; fame continue A ends that; its goal still runs: /A/drive" in told
+    assert f"warning: {REFUSED}" in told
+    status = driving.statuses[-1]
+    assert (status.level, status.message) == (WARN, f"suspended by {ANN}; its goal still runs: /A/drive")
+    driving.server.end(driving.server.cancelled[0], 4)
+    driving.pass_time(1)
+    assert (driving.said[-1].suspended.get("goals"), driving.said[-1].warnings) == (None, [])
+
+
+@pytest.mark.parametrize("migrate", [True, False])
+def test_the_next_process_knows_what_its_server_has_not_cancelled_for_the_last_one(
+    driving: Field, migrate: bool
+) -> None:
+    driving.deploy(GOAL.replace("distance: 9", "distance: 8"), "d2", 2, migrate=migrate)
+    assert (driving.engines["A"].deployed, driving.said[-1].warnings) == ("d2", [REFUSED])
+    assert [wanted for wanted, _ in driving.server.goals.values()] == [9.0, 8.0]
+    driving.server.end(next(iter(driving.server.goals)), 4)
+    driving.pass_time(1)
+    assert driving.said[-1].warnings == []
 
 
 # ---- the lease -------------------------------------------------------------------------------------------------------

@@ -56,6 +56,7 @@ def test_what_runs_beside_the_robots_is_struck_while_it_runs() -> None:
         ("a start before its record", "seed_253789720"),
         ("a robot that stops listening", "seed_2723"),
         ("work twice after a migration", "work_twice"),
+        ("a goal that runs on without a word", "goal_refused"),
     ],
 )
 def test_a_planted_bug_is_found(name: str, file: str) -> None:

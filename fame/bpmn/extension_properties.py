@@ -48,6 +48,8 @@ PROPERTIES: Mapping[str, Mapping[str, str]] = {
         "scope": "`robot`: the service or action belongs to the robot",
         "feedback": "variables that receive the feedback of an action, with commas: one named like a field receives it",
         "errors": "codes of BPMN errors by outcome or `error_code` of the result: `{rejected: busy, 208: no_path}`",
+        "wait_cancelled": "seconds to wait until cancelled goals of the action have ended; then it is the error "
+        "`still_running`. Without it the goal is sent at once",
         "retry": "a request that was in progress when engine or server left: `safe` (default) sends it again, `never` "
         "is the error `lost`, `ask` waits for somebody",
     },

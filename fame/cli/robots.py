@@ -125,8 +125,10 @@ def _explain_waits(arguments: Namespace) -> int:
     robot, *elements = arguments.why
     if len(elements) > 1:
         raise ConfigError(f"expected --why ROBOT [ELEMENT], got {' '.join(arguments.why)}")
+    trusted = trusted_keys(arguments)
     with connected(arguments) as (scheduler, middleware):
         node = middleware.node("_fame_status")
+        reports, _ = subscribe_reports(node, [robot], trusted)
         with LiveTeam(node, middleware, scheduler, lambda *warning: None) as team:
 
             def known() -> set[str]:
@@ -135,6 +137,7 @@ def _explain_waits(arguments: Namespace) -> int:
             wait_until(scheduler, lambda: robot in known(), _PATIENCE)
             there = engines(middleware)
             wait_until(scheduler, lambda: known() >= set(there), _PATIENCE / 3)  # who runs nothing says nothing
+            wait_until(scheduler, lambda: robot in reports or robot not in there, _PATIENCE / 3)
             publishers = {info.name: info.publishers for info in middleware.graph()}
     if robot not in there:
         raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
@@ -143,6 +146,7 @@ def _explain_waits(arguments: Namespace) -> int:
     reasons: list[WaitReason] = explain(
         team.state.robots[robot], team.models.get(robot, {}), elements[0] if elements else "", team.last_time(robot)
     )
+    warnings = list(reports[robot].warnings) if robot in reports else []
     chain = WaitChain(
         team.state.robots,
         {name: files_of(model) for name, model in team.models.items()},
@@ -151,10 +155,11 @@ def _explain_waits(arguments: Namespace) -> int:
     )
     if arguments.json:
         waits = [reason.to_json() | {"chain": list(chain.lines(robot, reason.token))} for reason in reasons]
-        print_json({"robot": robot, "waits": waits})
+        print_json({"robot": robot, "waits": waits, "warnings": warnings})
     else:
         lines = ((*reason.lines(robot), *chain.lines(robot, reason.token)) for reason in reasons)
         print("\n".join(line for each in lines for line in each) or f"{robot}: no token waits")
+        print(*(f"{robot}: warning: {text}\n" for text in warnings), sep="", end="")
     return 0
 
 
@@ -193,7 +198,8 @@ def _lines(robot: str, report: Report) -> Iterator[tuple[str, str, str, str]]:
     if person := report.suspended:
         steers = f", {person['holder']} steers it" if person.get("holder") else f"; fame continue {robot} ends that"
         since = f"{max(0.0, report.now - person.get('since', 0.0)):.0f} s"
-        yield "", since, f"suspended by {person.get('by', '')}{steers}", ""
+        goals = f"; its goal still runs: {', '.join(person['goals'])}" if person.get("goals") else ""
+        yield "", since, f"suspended by {person.get('by', '')}{steers}{goals}", ""
     for incident in report.incidents:
         text = f"incident: {incident.get('text', '')}; fame retry {robot} {incident.get('element', '')}"
         yield incident.get("element", ""), "", text, ""

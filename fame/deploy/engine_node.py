@@ -243,11 +243,16 @@ class EngineNode:
             "sequence": protocol.newest[0],
             "candidate": protocol.candidate.envelope.deployment if protocol.candidate is not None else "",
             "absent": self._absences.seen(team, self.scheduler.now, lambda: engines(self.middleware)),
-            "warnings": [*(lost if waits else ()), *self.warn.lines()],
+            "warnings": [*(lost if waits else ()), *self._still_running, *self.warn.lines()],
             "now": self._time.now / SECOND,
             **mission,
             **({"error": self._why_suspended} if self._why_suspended else {}),
         }
+
+    @property
+    def _still_running(self) -> list[str]:
+        """What is to be said of cancelled goals that have not ended."""
+        return self.running.runner.cancelled.texts() if self.running is not None else []
 
     def _on_refusal(self, reason: str, deployment: str, cause: str) -> None:
         if not deployment:
@@ -438,6 +443,10 @@ class EngineNode:
         go_on, timers = self._take_over(candidate, before) if migrates else (candidate.process.start, None)
         if self.running is not None and self.running.acknowledged is not None and not migrates:
             self.running.acknowledged.leave()
+        if self.running is not None:
+            candidate.process.runner.cancelled.adopt(
+                self.running.runner.cancelled, candidate.process.runner.inbox.action
+            )
         self._close_running("suspended" if migrates else "terminated")
         self.running = None
         start = partial(self._start, candidate, go_on, migrates)

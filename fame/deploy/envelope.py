@@ -67,7 +67,9 @@ _ERROR: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
-_SUSPENDED: dict[str, fields.FieldCheck] = {**dict.fromkeys(("by", "holder"), _TEXT), "since": fields.number}
+_SUSPENDED: dict[str, fields.FieldCheck] = {
+    **dict.fromkeys(("by", "holder"), _TEXT), "since": fields.number, "goals": fields.sequence(_TEXT),
+}  # fmt: skip
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
 _TOKEN: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
@@ -177,7 +179,8 @@ class Report:
     more_waits number of waiting tokens beyond those
     untaken    how many messages no event has taken, by topic
     offers     the elements of open ad-hoc sub-processes that can be activated
-    suspended  by which person its mission is suspended: `by`, `since` (s), `holder` (who steers it, or empty)
+    suspended  by which person its mission is suspended: `by`, `since` (s), `holder` (who steers it, or empty), and
+               `goals`: the actions of which a cancelled goal may still run
     incidents  elements that have failed and wait for somebody: `element`, `code`, `text`
     error      why it is suspended, or why the last of the instances that have failed did, whatever runs since
     errors     of the last instances that have failed: `code`, `element`, `name`, `file`, `line`, `text`

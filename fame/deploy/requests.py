@@ -167,6 +167,8 @@ class TaskServer:
                     node.skip(request.element, who=who)
                 case "suspend":
                     node.suspension.suspend(who)
+                    if goals := node.runner.cancelled.actions():
+                        said = [f"its goal still runs until its server has cancelled it: {', '.join(goals)}"]
                 case "take_over":
                     node.suspension.take_over(who, request.lease)
                 case "continue":

@@ -30,14 +30,18 @@ UNKNOWN = 0
 """The status of a goal that the server does not know."""
 _STATUSES: dict[GoalOutcome, int] = {outcome: status for status, outcome in OUTCOMES.items()}
 _EXECUTING = 2
-_UNKNOWN_GOAL = 2
-"""The return code of action_msgs/srv/CancelGoal for goals that do not exist."""
+_REJECTED, _UNKNOWN_GOAL, _ENDED_GOAL = 1, 2, 3
+"""Return codes of action_msgs/srv/CancelGoal: it refuses, or the goal does not exist, or has ended."""
 _KEPT = 100
 """Number of ended goals whose results are kept for late requests."""
 
 
 class ActionClient:
-    """A client of the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type."""
+    """A client of the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type.
+
+    `cancelled` are the goals that were cancelled and have not ended, as far as is known; `on_cancelled` is called with
+    one that its server refuses to cancel, or that has ended.
+    """
 
     name: str
     type: str
@@ -54,6 +58,8 @@ class ActionClient:
             f"{below}/feedback", f"{self.type}_FeedbackMessage", self._on_feedback, FEEDBACK
         )
         self.goals: dict[bytes, Goal] = {}
+        self.cancelled: dict[bytes, Goal] = {}
+        self.on_cancelled: Callable[[Goal], object] = lambda goal: None
 
     @property
     def available(self) -> bool:
@@ -96,9 +102,16 @@ class ActionClient:
         self.goals[id] = known
         return known
 
+    def cancel(self, id: bytes) -> Goal:
+        """Cancel a goal that another client has sent."""
+        goal = self.goals[id] = Goal(self, lambda outcome, result: None, lambda feedback: None, id, accepted=True)
+        goal.cancel()
+        return goal
+
     def close(self) -> None:
         """Close all endpoints. Goals continue: cancel them first to end them."""
         self.goals.clear()
+        self.cancelled.clear()
         for end in (self._send_goal, self.get_result, self.cancel_goal, self._feedback):
             end.close()
 
@@ -109,10 +122,11 @@ class ActionClient:
 
 
 class Goal:
-    """A goal that was sent."""
+    """A goal that was sent. `refused`: its server refuses to cancel it."""
 
     feedback: Callable[[AnyMessage], object]
     id: bytes
+    refused: bool
 
     def __init__(
         self,
@@ -125,7 +139,11 @@ class Goal:
     ) -> None:
         self.id, self.feedback = id or uuid4().bytes, feedback
         self._client, self._on_end = client, on_end
-        self._accepted, self._cancelled = accepted, False
+        self._accepted, self._awaits_result, self.refused = accepted, False, False
+
+    @property
+    def _cancelled(self) -> bool:
+        return self._client.cancelled.get(self.id) is self
 
     def cancel(self) -> None:
         """Request cancelling, once its server is there; neither feedback nor outcome follow.
@@ -133,8 +151,7 @@ class Goal:
         Does nothing if the goal has ended.
         """
         if self._client.goals.get(self.id) is self:
-            del self._client.goals[self.id]
-            self._cancelled = True
+            self._client.cancelled[self.id] = self._client.goals.pop(self.id)
             if self._accepted:
                 self._request_cancel()
 
@@ -153,6 +170,7 @@ class Goal:
 
     def request_result(self) -> None:
         """Request the result, which comes when the goal has ended. Raises MessageError."""
+        self._awaits_result = True
         self._client.get_result.call({"goal_id": {"uuid": self.id}}, self.on_result, self.on_gone, or_new=True)
 
     def ask_again(self) -> None:
@@ -172,25 +190,43 @@ class Goal:
     def on_gone(self) -> None:
         """Handle that the server has left, or another has come. The goal can be cancelled until it is attached to."""
         if self._cancelled:
+            self._awaits_result = False
             self._request_cancel()  # it may have accepted the goal
         elif self._client.goals.get(self.id) is self:
             self._accepted = True
             self._on_end("gone", None)
 
     def _end(self, outcome: GoalEnd, result: AnyMessage) -> None:
-        if self._client.goals.get(self.id) is self:
+        if self._cancelled:
+            del self._client.cancelled[self.id]
+            self._client.on_cancelled(self)
+        elif self._client.goals.get(self.id) is self:
             del self._client.goals[self.id]
             self._on_end(outcome, result)
 
     def _request_cancel(self) -> None:
-        self._client.cancel_goal.insist({"goal_info": {"goal_id": {"uuid": self.id}}})
+        self._client.cancel_goal.insist({"goal_info": {"goal_id": {"uuid": self.id}}}, self._on_cancel_response)
+
+    def _on_cancel_response(self, response: AnyMessage) -> None:
+        """Handle that the server ends the goal, refuses that, or does not run it. Its result says when it has ended."""
+        if not self._cancelled:
+            return
+        if response.return_code in (_UNKNOWN_GOAL, _ENDED_GOAL):
+            self._end("canceled", None)
+            return
+        if response.return_code == _REJECTED or not response.goals_canceling:
+            self.refused = True
+            self._client.on_cancelled(self)
+        if not self._awaits_result and self._client.available:
+            self.request_result()
 
 
 class ActionServer:
     """A server of the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type.
 
     `accept` decides on each goal message; `on_goal` is called with each accepted goal and must end it later.
-    `on_cancel` is called when a client asks to cancel a goal, and should end it as ``canceled``.
+    `on_cancel` is called when a client asks to cancel a goal, and should end it as ``canceled``, or return False: it
+    refuses.
     """
 
     name: str
@@ -254,10 +290,8 @@ class ActionServer:
     def _cancel_goal(self, request: AnyMessage) -> Mapping[str, Any]:
         id = bytes(request.goal_info.goal_id.uuid)
         wanted = [goal for goal in self.goals.values() if goal.id == id or not any(id)]
-        for goal in wanted:
-            self._on_cancel(goal)
-        ids = [{"goal_id": {"uuid": goal.id}} for goal in wanted]
-        return {"return_code": 0 if wanted else _UNKNOWN_GOAL, "goals_canceling": ids}
+        ids = [{"goal_id": {"uuid": goal.id}} for goal in wanted if self._on_cancel(goal) is not False]
+        return {"return_code": 0 if ids else _REJECTED if wanted else _UNKNOWN_GOAL, "goals_canceling": ids}
 
     def _result(self, id: bytes) -> DeferredResponse:
         return self._results.setdefault(id, DeferredResponse())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Set
+from collections.abc import Callable, Hashable, Set
 from functools import partial
 from itertools import count
 from typing import Any
@@ -21,17 +21,17 @@ class InsistentRequests:
 
     def __init__(self, client: Client, scheduler: Scheduler) -> None:
         self._client, self._scheduler = client, scheduler
-        self._open: dict[int, Any] = {}
+        self._open: dict[int, tuple[Any, Callable[[Any], object]]] = {}
         self._servers: Set[Hashable] = frozenset()
         self._numbers = count()
 
     def __len__(self) -> int:
         return len(self._open)
 
-    def add(self, request: Any, servers: Set[Hashable]) -> None:
+    def add(self, request: Any, servers: Set[Hashable], callback: Callable[[Any], object]) -> None:
         """Send a request, now if a server is there; `servers` are those that are there now."""
         number, self._servers = next(self._numbers), servers
-        self._open[number] = request
+        self._open[number] = request, callback
         if len(self._open) > _MOST:
             del self._open[next(iter(self._open))]
         self._send(number)
@@ -49,4 +49,8 @@ class InsistentRequests:
 
     def _send(self, number: int) -> None:
         if number in self._open and self._client.available:
-            self._client.call(self._open[number], lambda response: self._open.pop(number, None))
+            self._client.call(self._open[number][0], partial(self._respond, number))
+
+    def _respond(self, number: int, response: Any) -> None:
+        if number in self._open:
+            self._open.pop(number)[1](response)

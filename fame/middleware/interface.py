@@ -221,8 +221,8 @@ class Client(Protocol):
         Raises MessageError if the request does not fit its type, or no node offers the service.
         """
 
-    def insist(self, request: Any) -> None:
-        """Send a request whose response does not matter: whenever a server comes, until one responds."""
+    def insist(self, request: Any, callback: Callable[[AnyMessage], object]) -> None:
+        """Send a request whenever a server comes, until one responds; `callback` gets the response."""
 
     def close(self) -> None:
         """Close the client. Responses that come later are dropped."""

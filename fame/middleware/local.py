@@ -438,8 +438,8 @@ class LocalClient:
         self._way(self.node, service.node, partial(self._send, service, message, key))
         self._follow(service)
 
-    def insist(self, request: Any) -> None:
-        self.insistent.add(request, self._servers())
+    def insist(self, request: Any, callback: Callable[[AnyMessage], object]) -> None:
+        self.insistent.add(request, self._servers(), callback)
         service = self.node.middleware.services.get(self.name)
         if service is not None:
             self._follow(service)

@@ -275,8 +275,8 @@ class WireClient(ServiceEndpoint):
         """Return why it cannot be called, from type and node of each service of its name."""
         return unavailable_error(self.name, self.request_type, (type for type, _ in offers))
 
-    def insist(self, request: Any) -> None:
-        self.insistent.add(request, self.servers())
+    def insist(self, request: Any, callback: Callback) -> None:
+        self.insistent.add(request, self.servers(), callback)
 
     def warn_unanswered(self) -> None:
         """Warn that a request gets no response."""

@@ -378,8 +378,8 @@ class DurableRecorder:
         self._quiet = True  # until the new state is written as a whole, a second crash finds the old one
         if begins == "process":
             engine.begin({})
-        elif RECOVERED in engine.listeners or RECOVERED in engine.program.starts:  # its type is slow to load
-            engine.deliver(RECOVERED, self._recovered(away))
+        else:
+            node.raise_signal(RECOVERED, "std_msgs/msg/Float64", away)
         for wait in missed:
             if wait.alive:
                 wait.catch.give_up(engine, wait, BpmnError("missed", "the timer came due while the engine was away"))
@@ -396,11 +396,6 @@ class DurableRecorder:
             self._let_leave(batch)
         go_on(node)
         self.settled()
-
-    def _recovered(self, away: float) -> Any:
-        use = self.node.mission.types.get(RECOVERED)
-        type = use.declared if use is not None and use.declared else "std_msgs/msg/Float64"
-        return messages.create(type, away if messages.is_wrapper(type) else None)
 
     def _again(self, effects: list[list[Any]]) -> Iterator[_Effect]:
         """Effects that may not have left. A request is made again by its task."""

@@ -31,6 +31,7 @@ from fame.robot.options import RobotOptions
 from fame.robot.suspension import Suspension
 from fame.robot.waiting_tokens import WaitingToken, WaitingTokens
 from fame.scripting import Runner
+from fame.scripting.requests import STILL_RUNNING
 
 PendingStarts = Literal["", "endless", "due"]
 """The timers of start events that will still fire: none, only cycles without end, or others."""
@@ -91,6 +92,7 @@ class RobotNode:
         self.host.acknowledged = self.acknowledged
         self.runner: Runner = self.host.runner
         self.runner.on_lost = self._on_lost_request
+        self.runner.cancelled.on_still_running = partial(self.raise_signal, f"~/{STILL_RUNNING}", "std_msgs/msg/String")
         self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
         self.host.on_suspended = self.waiting.on_suspended
         self.suspension: Suspension = Suspension(self)
@@ -358,6 +360,15 @@ class RobotNode:
             self.scheduler.soon(partial(self.engine.keep_script, key, text, "lost"), Kind.RESUMPTION)
         else:
             fail(BpmnError("lost", text))
+
+    def raise_signal(self, topic: str, type: str, value: Any) -> None:
+        """Raise a signal inside this engine, if an event catches it: with `value` if its type, by default `type`, is
+        that of one value."""
+        if topic in self.engine.listeners or topic in self.engine.program.starts:  # its type is slow to load
+            use = self.mission.types.get(topic)
+            type = use.declared if use is not None and use.declared else type
+            self.engine.deliver(topic, messages.create(type, value if messages.is_wrapper(type) else None))
+            self.runner.poll()
 
     def _on_incident(self, wait: Wait) -> None:
         """An element has failed: hold the robot, as soon as this stimulus is over."""

@@ -9,6 +9,9 @@ the whole message.
 A service or action that cannot be called is BpmnError ``service``; a goal without success is ``rejected``, ``aborted``
 or ``canceled``. Property ``errors`` gives these other codes, and codes to the values of the field ``error_code`` of the
 result of an aborted goal: ``{rejected: nav2.goal_rejected, 208: nav2.no_valid_path}``.
+
+Property ``wait_cancelled`` is for how long a goal waits until those of the action that were cancelled have ended (s);
+then it is BpmnError ``still_running``. Without it the goal is sent at once: a server that preempts ends the others so.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ from fame.engine.program import Compiled
 from fame.errors import MessageError, ModelError
 from fame.middleware.messages import is_action
 from fame.scripting import Inbox
-from fame.scripting.requests import Act, Call, GoalError, ScriptRequest
+from fame.scripting.requests import Act, Call, GoalError, ScriptRequest, check_seconds
 
 
 def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
@@ -46,13 +49,13 @@ def call_service(
     topic = task.topic
     assert topic is not None
     _make_client(task, topic, file, inbox)
-    codes = _error_codes(task, file)
+    codes, wait = _error_codes(task, file), _wait(task, file)
     request = compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
     objects = [item for body in process.body.bodies() for item in body.data_objects if item.id in task.data_outputs]
 
     async def call(variables: dict[str, Any], fields: Any) -> None:
         try:
-            response = await _request(task, topic, fields, variables)
+            response = await _request(task, topic, fields, variables, wait)
         except MessageError as error:
             raise BpmnError(codes.get("service", "service"), str(error)) from error
         except GoalError as error:
@@ -78,13 +81,24 @@ def _make_client(task: Task, topic: Topic, file: str, inbox: Inbox) -> None:
         raise ModelError(str(error), file=file, element=task.id) from error
 
 
-def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any]) -> ScriptRequest:
+def _wait(task: Task, file: str) -> float:
+    """The property ``wait_cancelled`` (s). Raises ModelError."""
+    text = task.properties.get("wait_cancelled", "0").strip()
+    try:
+        check_seconds("wait_cancelled", seconds := float(text))
+    except ValueError:
+        error = f"property wait_cancelled: expected a number of seconds, got {text!r}"
+        raise ModelError(error, file=file, element=task.id) from None
+    return seconds
+
+
+def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any], wait: float) -> ScriptRequest:
     """The request that the coroutine awaits."""
     type = topic.type or ""
     if not is_action(type):
         return Call(topic.name, type, fields)
     names = [name.strip() for name in task.properties.get("feedback", "").split(",") if name.strip()]
-    return Act(topic.name, type, fields, partial(_take_feedback, variables, names) if names else None)
+    return Act(topic.name, type, fields, partial(_take_feedback, variables, names) if names else None, wait)
 
 
 def _take_feedback(variables: dict[str, Any], names: Iterable[str], feedback: Any) -> None:

@@ -111,6 +111,10 @@ class Call(ScriptRequest):
         return f"call({self.service!r})"
 
 
+STILL_RUNNING = "still_running"
+"""The code of the error of a request that waits for a cancelled goal in vain; also the signal that one still runs."""
+
+
 class GoalError(BpmnError):
     """A goal of an action that did not succeed: code ``rejected``, ``aborted`` or ``canceled``, and its `result`.
 
@@ -129,13 +133,15 @@ class Act(ScriptRequest):
     """``await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose=...)``: the result of an action.
 
     `feedback` is called with the feedback of the action. BpmnError ``rejected``, ``aborted`` or ``canceled`` if it does
-    not succeed. Cancelling the script cancels the goal.
+    not succeed. Cancelling the script cancels the goal. `wait` is for how long it waits until cancelled goals of the
+    action have ended (s), before BpmnError ``still_running``; with 0 it is sent beside them.
     """
 
     action: str
     type: str
     fields: Mapping[str, Any] | None
     feedback: Callable[[Any], object] | None = None
+    wait: float = 0.0
 
     def __str__(self) -> str:
         return f"act({self.action!r})"

@@ -20,14 +20,16 @@ from typing import Any, Protocol
 from uuid import uuid4
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.engine.host import Cancelled, is_from_outside
-from fame.middleware.actions import ActionClient
+from fame.engine.host import BpmnError, Cancelled, is_from_outside
+from fame.middleware.actions import ActionClient, Goal
 from fame.middleware.interface import Client, Node
 from fame.scripting.budget import BUDGET, Budget
+from fame.scripting.cancelled_goals import CancelledGoals
 from fame.scripting.python import error_text
 from fame.scripting.requests import (
     MOMENT,
     SERVICE_TIMEOUT,
+    STILL_RUNNING,
     Act,
     Call,
     GoalError,
@@ -145,6 +147,7 @@ class Runner:
         self._scheduler, self._ended, self._stepped, self._report = scheduler, ended, stepped, report
         self._grace = round(grace * SECOND)
         self.inbox: Inbox = Inbox(node, types, subscribe or node.subscription, self.poll)
+        self.cancelled: CancelledGoals = CancelledGoals(scheduler, partial(report, 0))
         self.outward: Outward | None = None
         self.on_lost: OnLost | None = None
         self._tasks: dict[int, _Task] = {}
@@ -251,6 +254,7 @@ class Runner:
             task.leaving = True
             self._kill(task)
             self._forget(task)
+        self.cancelled.close()
         self.inbox.close()
 
     # ---- one step of a script ----------------------------------------------------------------------------------------
@@ -444,23 +448,41 @@ class Runner:
                 self._stepped(task.key)
                 self.poll()
 
-        def begin(id: bytes | None) -> None:
-            id = id or uuid4().bytes
-            task.disarm = client.send(request.fields, partial(ended, id), on_feedback, id=id).cancel
+        def follow(goal: Goal) -> None:
+            task.disarm = partial(self.cancelled.cancel, client, goal)
             self._hear(task)
 
+        def begin(id: bytes | None) -> None:
+            id = id or uuid4().bytes
+            follow(client.send(request.fields, partial(ended, id), on_feedback, id=id))
+
         def attach(id: bytes) -> None:
-            task.disarm = client.attach(id, partial(ended, id), on_feedback).cancel
-            self._hear(task)
+            follow(client.attach(id, partial(ended, id), on_feedback))
 
         def attach_again(id: bytes) -> None:
             goal = client.attach(id, partial(ended, id), on_feedback)
-            task.disarm = goal.cancel
-            self._hear(task)
+            follow(goal)
             for delay in _AGAIN:
                 self._scheduler.after(delay, goal.ask_again, Kind.RESUMPTION)
 
-        self._when_available(task, client, lambda: self._send(task, client, begin, attach))
+        def send() -> None:
+            self._when_available(task, client, lambda: self._send(task, client, begin, attach))
+
+        self._when_alone(task, client, send, self._scheduler.now + round(request.wait * SECOND))
+
+    def _when_alone(self, task: _Task, client: ActionClient, send: Callable[[], object], until: int) -> None:
+        """Call `send` as soon as no cancelled goal of the action may run; at `until` (ns) that is an error, if the
+        request waits for it at all."""
+        request = task.request
+        assert isinstance(request, Act)
+        if not request.wait or client.name not in self.cancelled.actions():
+            send()
+        elif self._scheduler.now < until:
+            again = partial(self._when_alone, task, client, send, until)
+            task.due = self._scheduler.after(_POLL, again, Kind.RESUMPTION)
+        else:
+            text = f"{request}: a cancelled goal has not ended within {request.wait:g} s"
+            self._soon(task, task.script.throw, BpmnError(STILL_RUNNING, text))
 
     def _hear(self, task: _Task) -> None:
         task.heard, task.gone = self._scheduler.now, None

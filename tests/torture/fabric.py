@@ -534,8 +534,8 @@ class Client(End):
         self._requests, self._number = PendingRequests(), 0
         self._insistent = InsistentRequests(self, node.middleware.process)
 
-    def insist(self, request: Any) -> None:
-        self._insistent.add(request, frozenset(self._servers()))
+    def insist(self, request: Any, callback: Callable[[AnyMessage], object]) -> None:
+        self._insistent.add(request, frozenset(self._servers()), callback)
 
     def _servers(self) -> list[Service]:
         ends = self.wire.on(self.topic)

@@ -149,7 +149,8 @@ def _working(chance: random.Random, moments: list[tuple[float, str]], begun: flo
     if chance.random() > 0.3:
         return []
     steps = [Step(_rounded(chance.uniform(begun, 30)), "suspend", "A", _rounded(chance.uniform(1, 15)))]
-    return [Step(0.0, "works"), *(_when(chance, moments, step) for step in steps * chance.randint(0, 2))]
+    steps = [_when(chance, moments, step) for step in steps * chance.randint(0, 2)]
+    return [Step(0.0, "works"), *([Step(0.0, "stubborn")] if chance.random() < 0.5 else []), *steps]
 
 
 def _varied(plan: Plan, seed: int, chance: random.Random) -> Plan:

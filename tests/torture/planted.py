@@ -23,6 +23,7 @@ from fame.robot.durable import DurableRecorder
 from fame.robot.journal import Journal, StateDirectory
 from fame.robot.live import LiveFeed
 from fame.robot.node import RobotNode
+from fame.scripting.cancelled_goals import CancelledGoals
 
 from .invariants import judge
 from .plan import draw
@@ -316,6 +317,7 @@ BUGS: dict[str, Bug] = {
     "what was set aside is forgotten": (_transition, "_set_aside", _set_aside_is_dropped),
     "messages twice after a migration": (RobotNode, "forget_early", _again_after_migration),
     "work twice after a migration": (Engine, "restart", _started_again),
+    "a goal that runs on without a word": (CancelledGoals, "texts", lambda original: lambda self: []),
     "a message that is dropped": (RobotNode, "on_message", _some_dropped),
     "a robot that stops listening": (RobotNode, "on_message", _deaf_in_the_end),
     "an alarm that is dropped": (RobotNode, "on_message", _alarms_dropped),

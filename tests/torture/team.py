@@ -35,6 +35,7 @@ from fame.monitor.pipeline.configuration import Configuration, load
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.robot import Event
 from fame.robot.journal import StateDirectory
+from fame.scripting.cancelled_goals import BOUND
 
 from .disks import PowerLoss
 from .fabric import Fabric, Wire
@@ -85,6 +86,7 @@ class Robot:
     spoilt: bool = False  # whether its state was lost, or rot
     fresh: bool = False  # whether a person has put its old state aside
     began: float = 0.0  # when its process began (s)
+    continued: float = 0.0  # when it was last continued after a stop (s)
 
 
 @dataclass
@@ -153,6 +155,8 @@ class Team:
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
         self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
+        self.stubborn = False  # whether the server refuses to cancel goals, which then go on for long
+        self.refused: dict[bytes, float] = {}  # goals that it does not cancel and that have not ended, since when (s)
         self.senders: list[Sender] = []
         self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
         self._numbers = Counter[str]()
@@ -181,6 +185,7 @@ class Team:
     def pass_time(self, seconds: float) -> None:
         """Let simulated time pass."""
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+        self._check_refused()
         self._rested = self._rested + seconds if len(self.lines) == self._told and not self._is_busy() else 0.0
         self._told = len(self.lines)
 
@@ -249,6 +254,8 @@ class Team:
                     self._start(self.programs[_HELPERS[step.kind]])
             case "splitter":
                 self._start(self.programs[step.target])
+            case "stubborn":
+                self.stubborn = True
             case "repair":
                 return self.repair(self.robots[step.target], step.value)
             case "suspend":
@@ -385,6 +392,7 @@ class Team:
         else:
             self.fabric.leave(program.wire)
             program.process = program.wire = None
+            self.refused.clear()  # with the server
             self._later(seconds, partial(self._start, program))
         self.unserved += program.name == "server"
         return True
@@ -399,13 +407,25 @@ class Team:
         )
 
     def _begin_server(self, process: Process, wire: Wire) -> ActionServer:
-        """The server of the action `/go`: a goal takes 0.3 s."""
+        """The server of the action `/go`: a goal takes 0.3 s, one that it refuses to cancel 12 s more."""
 
         def go(goal: ServerGoal) -> None:
             self.goals.append((process.name, round(goal.message.pose.pose.position.x)))
-            process.after(3 * SECOND // 10, partial(goal.end, "succeeded", {}))
+            process.after(3 * SECOND // 10, lambda: goal.id in self.refused or goal.end("succeeded", {}))
 
-        return ActionServer(wire.node("base"), "/go", DRIVE, go, lambda goal: goal.end("canceled", {}))
+        def end(goal: ServerGoal) -> None:
+            self.refused.pop(goal.id, None)
+            goal.end("succeeded", {})
+
+        def cancel(goal: ServerGoal) -> bool:
+            if self.stubborn and goal.id not in self.refused:
+                self.refused[goal.id] = self.scheduler.now / SECOND
+                process.after(12 * SECOND, partial(end, goal))
+            elif not self.stubborn:
+                goal.end("canceled", {})
+            return not self.stubborn
+
+        return ActionServer(wire.node("base"), "/go", DRIVE, go, cancel)
 
     def _begin_monitor(self, process: Process, wire: Wire) -> ProcessingNode:
         """``fame monitor process``: an alarm for every second count."""
@@ -479,6 +499,16 @@ class Team:
         engine = self.robots["A"].engine
         if engine is not None and engine.running is not None and engine.running.engine.held is not None:
             self.problems.append("A works while its mission is suspended")
+
+    def _check_refused(self) -> None:
+        """What A has cancelled in vain for longer than `BOUND` is in its reports, unless it was away or stopped."""
+        robot, now = self.robots["A"], self.scheduler.now / SECOND
+        engine, since = robot.engine, max(robot.began, robot.continued) + 1
+        late = [one for one in self.refused.values() if since < one < now - BOUND - 1]
+        if not late or engine is None or engine.running is None or robot.process is None or robot.process.stopped:
+            return
+        if not engine._progress()["warnings"]:
+            self.problems.append("A does not say that a goal still runs which its server does not cancel")
 
     def _recording(self, robot: Robot, process: Process) -> EngineLog | None:
         """The recording of an engine."""
@@ -562,6 +592,9 @@ class Team:
         if process.stopped and process.alive:
             process.go_on()
             self.fabric.check()
+            for robot in self.robots.values():
+                if robot.process is process:
+                    robot.continued = self.scheduler.now / SECOND
 
     def _drop_matches(self, robot: Robot) -> bool:
         """The endpoints of a robot lose their matches, and find them again."""

@@ -27,6 +27,7 @@ from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.middleware.messages import is_action
 from fame.scripting import script_topics
+from fame.scripting.requests import STILL_RUNNING
 
 Home = tuple[model.Definitions, model.Process]
 STEP = "explored step "
@@ -290,6 +291,7 @@ def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
     if catches is None:
         outcomes = {"service", "aborted", "rejected"} if is_action(task.service.type or "") else {"service"}
         others.pop("canceled", None)
+    outcomes |= {STILL_RUNNING} if "wait_cancelled" in task.properties else set()
     codes = (outcomes - others.keys()) | {*others.values()}
     return codes if catches is None else codes & catches
 

@@ -412,8 +412,8 @@ class RosClient(WireClient):
         self._start_polling()
         return future
 
-    def insist(self, request: Any) -> None:
-        super().insist(request)
+    def insist(self, request: Any, callback: Callable[[AnyMessage], object]) -> None:
+        super().insist(request, callback)
         self._start_polling()
 
     def release(self) -> None:

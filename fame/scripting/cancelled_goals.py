@@ -1,0 +1,107 @@
+"""Goals that a robot has cancelled and that may still run: their server refuses, is slow, or is away.
+
+A cancelled goal counts as running until its server says that it has ended. One that the server refuses to cancel, or
+that has not ended `BOUND` later, is reported, once, and again when it has ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.middleware.actions import ActionClient, Goal
+
+BOUND = 5.0
+"""Time in which a cancelled goal is expected to end (s): Nav2 brings a robot to a stop first."""
+
+
+@dataclass(slots=True)
+class _Cancelled:
+    """A goal of `client` that was cancelled, and when this is reported if it has not ended. `told`: it was reported."""
+
+    client: ActionClient
+    goal: Goal
+    late: Entry | None = None
+    told: bool = False
+
+    @property
+    def text(self) -> str:
+        """What is known of it; empty while there is nothing to report."""
+        if self.goal.refused:
+            return f"{self.client.name}: a cancelled goal still runs: its server refuses to cancel it"
+        if not self.told:
+            return ""
+        if not self.client.available:
+            return f"{self.client.name}: a cancelled goal may still run: its server has left"
+        return f"{self.client.name}: a cancelled goal still runs: it has not ended within {BOUND:g} s"
+
+
+class CancelledGoals:
+    """Those of one robot. `report` takes what a person should know.
+
+    `on_still_running` is called with the full name of the action when a goal is reported first.
+    """
+
+    on_still_running: Callable[[str], object]
+
+    def __init__(self, scheduler: Scheduler, report: Callable[[str], object]) -> None:
+        self._scheduler, self._report = scheduler, report
+        self.on_still_running = lambda action: None
+        self._goals: dict[bytes, _Cancelled] = {}
+
+    def cancel(self, client: ActionClient, goal: Goal) -> None:
+        """Cancel a goal, unless it has ended."""
+        goal.cancel()
+        if client.cancelled.get(goal.id) is goal:
+            self._add(client, goal, told=False)
+
+    def adopt(self, others: CancelledGoals, client_of: Callable[[str, str], ActionClient]) -> None:
+        """Take over the goals of a process that ends. `client_of` gives the client of an action by name and type."""
+        for one in tuple(others._goals.values()):
+            client = client_of(one.client.name, one.client.type)
+            self._add(client, client.cancel(one.goal.id), told=one.told)
+
+    def actions(self) -> list[str]:
+        """Return the full name of each action with such a goal, in order."""
+        return sorted({one.client.name for one in self._goals.values()})
+
+    def texts(self) -> list[str]:
+        """Return what is reported now."""
+        return list(dict.fromkeys(one.text for one in self._goals.values() if one.text))
+
+    def close(self) -> None:
+        """Follow them no longer."""
+        for one in self._goals.values():
+            if one.late is not None:
+                one.late.cancel()
+        self._goals.clear()
+
+    def _add(self, client: ActionClient, goal: Goal, *, told: bool) -> None:
+        one = self._goals[goal.id] = _Cancelled(client, goal, told=told)
+        client.on_cancelled = self._on_change
+        if not told:
+            one.late = self._scheduler.after(round(BOUND * SECOND), partial(self._tell, one), Kind.TIMER)
+
+    def _on_change(self, goal: Goal) -> None:
+        """A server refuses to cancel a goal, or it has ended."""
+        one = self._goals.get(goal.id)
+        if one is None:
+            return
+        if one.client.cancelled.get(goal.id) is goal:
+            self._tell(one)
+            return
+        del self._goals[goal.id]
+        if one.late is not None:
+            one.late.cancel()
+        if one.told:
+            self._report(f"{one.client.name}: the cancelled goal has ended")
+
+    def _tell(self, one: _Cancelled) -> None:
+        if one.late is not None:
+            one.late.cancel()
+        if not one.told:
+            one.told = True
+            self._report(one.text)
+            self.on_still_running(one.client.name)
