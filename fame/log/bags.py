@@ -15,6 +15,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.clock import Scheduler
 from fame.errors import ConfigError
+from fame.log.bag_reader import open_bag
 from fame.log.judge import runs
 from fame.log.live_judge import LiveJudge
 from fame.log.live_team import LiveTeam
@@ -32,28 +33,24 @@ def judge_bag(
     path: Path, properties: Sequence[Property], model: Definitions | None, team: Vocabulary | None
 ) -> list[Judgement]:
     """Return the judgements about a bag; `model` and `team` as for `judge_log`. Raises ConfigError for a broken one."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.typesys import Stores, get_typestore
-
     judge, scheduler = LiveJudge(properties, model, team), Scheduler()
     robots = LiveTeam(None, None, scheduler, judge.put)
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            channels = {one.id: judge.message_channel(one.topic, one.msgtype, "") for one in reader.connections}
-            for connection, stamp, data in reader.messages():
-                scheduler.run(max(scheduler.now, stamp - reader.start_time))
-                robot, _, name = connection.topic.strip("/").rpartition("/")
-                with suppress(ValueError, TypeError, KeyError):  # from a stranger
-                    message: Any = reader.deserialize(data, connection.msgtype)
-                    if name == EVENTS_TOPIC:
-                        robots.feed(robot, read_json(message.data, MAX_MESSAGE_SIZE))
-                    elif name == MODEL_TOPIC:
-                        judge.on_model(robot, read_json(message.data, MAX_MESSAGE_SIZE))
-                    elif robots.epoch is not None:
-                        last = max(map(robots.last_end, robots.robots))
-                        robots.enter(last, partial(_give, judge, channels[connection.id], message))
-    except (AnyReaderError, OSError) as error:
-        raise ConfigError(f"is not a bag that can be read: {error}", file=str(path)) from None
+    first: int | None = None
+    with open_bag(path) as reader:
+        channels = {name: judge.message_channel(name, topic.type, "") for name, topic in reader.topics.items()}
+        for stamp, topic, data in reader.contents(channels):
+            first = stamp if first is None else first
+            scheduler.run(max(scheduler.now, stamp - first))
+            robot, _, name = topic.strip("/").rpartition("/")
+            with suppress(ValueError, TypeError, KeyError, ConfigError):  # from a stranger
+                message: Any = reader.message(topic, data)
+                if name == EVENTS_TOPIC:
+                    robots.feed(robot, read_json(message.data, MAX_MESSAGE_SIZE))
+                elif name == MODEL_TOPIC:
+                    judge.on_model(robot, read_json(message.data, MAX_MESSAGE_SIZE))
+                elif robots.epoch is not None:
+                    last = max(map(robots.last_end, robots.robots))
+                    robots.enter(last, partial(_give, judge, channels[topic], message))
     if not robots.robots:
         raise ConfigError(f"has no events of robots (topics /<robot>/{EVENTS_TOPIC})", file=str(path))
     robots.close()

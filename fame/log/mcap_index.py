@@ -1,7 +1,10 @@
 """The index of an MCAP file: its chunks, channels, metadata and attachments.
 
-A whole file has an index at its end. One that was cut short has none: it is read from its beginning, up to where it is
-whole.
+A whole file has an index at its end, unless its writer was told to leave it out. One that was cut short has none: it is
+read from its beginning, up to where it is whole.
+
+The sizes that a file states are checked before memory is taken: those of its records by its own size, those of what its
+chunks unpack to by `CHUNK_LIMIT`.
 """
 
 from __future__ import annotations
@@ -9,17 +12,22 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from bz2 import BZ2Decompressor
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
+from itertools import count
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, Schema
+    from mcap.records import Channel, Chunk, Schema
 
+CHUNK_LIMIT = 1 << 27
+"""Bytes that a chunk may unpack to: a hundred times those that ``ros2 bag record`` writes."""
 _RECORD = struct.Struct("<BQ")
 """The head of a record: opcode, length of the rest."""
 _MESSAGE_OPCODE = 5
@@ -29,7 +37,7 @@ _MESSAGE, _MESSAGE_HEAD = struct.Struct("<H4xQ"), 22
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """A chunk: its place in the file, its times (ns), and the channels of its messages."""
+    """A chunk, or a message outside of chunks: its place in the file, its times (ns), the channels of its messages."""
 
     offset: int
     start: int
@@ -60,31 +68,95 @@ def read_index(stream: BinaryIO, file: str) -> McapIndex:
         read_magic(ReadDataStream(stream))
     except (McapError, struct.error):
         raise ConfigError("is not an MCAP file", file=file) from None
+    whole = False
     try:
         index = _read_summary(stream)
+        whole = index is None or not index.chunks
     except _broken():
         index = None
-    if index is None:
-        index = _scan(stream)
-        index.warnings.append(f"{file}: is incomplete; it is read up to the damaged place")
+    if index is None or not index.chunks:
+        index, complete = _scan(stream)
+        if not (whole and complete):
+            index.warnings.append(f"{file}: is incomplete; it is read up to the damaged place")
     index.chunks = sorted(index.chunks, key=attrgetter("start"))
     return index
 
 
 def chunk_messages(stream: BinaryIO, offset: int, file: str) -> Iterator[tuple[int, int, bytes]]:
-    """Yield the messages of the chunk at an offset: ns, number of the channel, content.
+    """Yield the messages of the chunk, or the one message, at an offset: ns, number of the channel, content.
 
     Raises ConfigError if it is damaged.
     """
-    from mcap.stream_reader import StreamReader, get_chunk_data_stream
-
     try:
         stream.seek(offset)
-        chunk: Any = next(StreamReader(stream, skip_magic=True, emit_chunks=True).records)
-        source, size = get_chunk_data_stream(chunk, validate_crc=True)
-        yield from _messages(source.read(size))
+        record: Any = next(_records(stream, skip_magic=True))
+        if hasattr(record, "channel_id"):
+            yield record.log_time, record.channel_id, record.data
+        else:
+            yield from _messages(_unpacked(record).data)
     except _broken() as error:
         raise ConfigError(f"is damaged at byte {offset}: {error}", file=file) from None
+
+
+def messages_in_order(
+    stream: BinaryIO, index: McapIndex, channels: Collection[int], file: str
+) -> Iterator[tuple[int, int, bytes]]:
+    """Yield the messages of some channels by time, as `chunk_messages`; chunks that overlap are in memory together."""
+    wanted, order, waiting = frozenset(channels), count(), list[tuple[int, int, int, bytes]]()
+    for chunk in index.chunks:
+        if not chunk.channels & wanted:
+            continue
+        while waiting and waiting[0][0] < chunk.start:
+            time, _, channel, data = heappop(waiting)
+            yield time, channel, data
+        for time, channel, data in chunk_messages(stream, chunk.offset, file):
+            if channel in wanted:
+                heappush(waiting, (time, next(order), channel, data))
+    while waiting:
+        time, _, channel, data = heappop(waiting)
+        yield time, channel, data
+
+
+def _records(stream: BinaryIO, *, skip_magic: bool = False) -> Iterator[Any]:
+    """Read records; none is longer than the file."""
+    from mcap.stream_reader import StreamReader
+
+    size = os.fstat(stream.fileno()).st_size
+    return StreamReader(stream, skip_magic=skip_magic, emit_chunks=True, record_size_limit=size).records
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """Return a chunk without compression. Raises ValueError if it is damaged, or would unpack to too much."""
+    if chunk.compression not in ("", "zstd", "lz4"):
+        raise ValueError(f"unknown compression {chunk.compression!r}")
+    data = unpack(chunk.data, chunk.compression, chunk.uncompressed_size)
+    if len(data) != chunk.uncompressed_size:
+        raise ValueError(f"a chunk of {len(data)} bytes is said to have {chunk.uncompressed_size}")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("a checksum does not fit")
+    return replace(chunk, compression="", data=data)
+
+
+def unpack(data: bytes, compression: str, size: int = -1) -> bytes:
+    """Unpack data to `size` bytes, if that is known, or one more: whatever the data state of themselves, no more memory
+    is taken. Raises ValueError for more than `CHUNK_LIMIT`, and the errors of the packages for damaged data."""
+    most = min(size, CHUNK_LIMIT) if size >= 0 else CHUNK_LIMIT
+    if size > CHUNK_LIMIT:
+        raise ValueError(f"{size / 1e6:.0f} MB in one chunk; at most {CHUNK_LIMIT / 1e6:.0f} MB are read")
+    if compression == "zstd":
+        import zstandard
+
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            data = reader.read(most + 1)
+    elif compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+
+        data = bytes(LZ4FrameDecompressor().decompress(data, max_length=most + 1))
+    elif compression == "bz2":
+        data = BZ2Decompressor().decompress(data, max_length=most + 1)
+    if len(data) > CHUNK_LIMIT:
+        raise ValueError(f"more than {CHUNK_LIMIT / 1e6:.0f} MB in one chunk")
+    return data
 
 
 def _messages(records: bytes) -> Iterator[tuple[int, int, bytes]]:
@@ -107,7 +179,7 @@ def _broken() -> tuple[type[Exception], ...]:
     from mcap.exceptions import McapError
     from zstandard import ZstdError
 
-    damaged = (McapError, ZstdError, zlib.error, struct.error, ValueError, KeyError)
+    damaged = (McapError, ZstdError, zlib.error, struct.error, ValueError, KeyError, RuntimeError)  # that of lz4
     return *damaged, OSError, EOFError, StopIteration, MemoryError
 
 
@@ -126,7 +198,7 @@ def _read_summary(stream: BinaryIO) -> McapIndex | None:
             each.chunk_start_offset,
             each.message_start_time,
             each.message_end_time,
-            frozenset(each.message_index_offsets),
+            frozenset(each.message_index_offsets or summary.channels),
         )
         for each in summary.chunk_indexes
     ]
@@ -139,37 +211,48 @@ def _read_summary(stream: BinaryIO) -> McapIndex | None:
     return index
 
 
-def _scan(stream: BinaryIO) -> McapIndex:
-    """Index the undamaged part of a file, read from its beginning."""
-    from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
-    from mcap.stream_reader import StreamReader, breakup_chunk
+def _scan(stream: BinaryIO) -> tuple[McapIndex, bool]:
+    """Index the undamaged part of a file, read from its beginning, and return whether it has the mark of its end."""
+    from mcap.records import Attachment, Chunk, DataEnd, Message, Metadata
+    from mcap.stream_reader import breakup_chunk
 
     index, counts, chunks = McapIndex(), Counter[int](), []
     stream.seek(0)
     size = os.fstat(stream.fileno()).st_size
-    offset = 8
+    offset, complete = 8, False
     try:
-        for record in StreamReader(stream, emit_chunks=True).records:
+        for record in _records(stream):
             if stream.tell() > size:
                 break
             if isinstance(record, Chunk):
-                channels: set[int] = set()
-                for inner in breakup_chunk(record, validate_crc=True):
-                    if isinstance(inner, Schema):
-                        index.schemas[inner.id] = inner
-                    elif isinstance(inner, Channel):
-                        index.channels[inner.id] = inner
-                    elif isinstance(inner, Message):
-                        channels.add(inner.channel_id)
-                        counts[inner.channel_id] += 1
-                place = ChunkPlace(offset, record.message_start_time, record.message_end_time, frozenset(channels))
-                chunks.append(place)
+                inner = breakup_chunk(_unpacked(record))
+                for each in inner:
+                    _declare(index, each)
+                held = Counter(each.channel_id for each in inner if isinstance(each, Message))
+                counts += held
+                times = record.message_start_time, record.message_end_time
+                chunks.append(ChunkPlace(offset, *times, frozenset(held)))
+            elif isinstance(record, Message):
+                counts[record.channel_id] += 1
+                chunks.append(ChunkPlace(offset, record.log_time, record.log_time, frozenset((record.channel_id,))))
             elif isinstance(record, Metadata) and record.name == "fame":
                 index.metadata.update(record.metadata)
             elif isinstance(record, Attachment):
                 index.attachments[record.name] = record.data
+            _declare(index, record)
+            complete = complete or isinstance(record, DataEnd)
             offset = stream.tell()
     except _broken():
         pass
     index.chunks, index.counts = chunks, counts
-    return index
+    return index, complete
+
+
+def _declare(index: McapIndex, record: Any) -> None:
+    """Put a schema or a channel into the index."""
+    from mcap.records import Channel, Schema
+
+    if isinstance(record, Schema):
+        index.schemas[record.id] = record
+    elif isinstance(record, Channel):
+        index.channels[record.id] = record

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from fame.errors import MessageError
+from fame.text import DEPTH, is_deep
 
 FieldShape = Literal["single", "array", "sequence"]
+LONGEST, MOST_LINES, DEEPEST, MOST_FIELDS, LARGEST = 1_000_000, 5_000, 32, 100_000, 100_000_000
+"""Of types: characters and lines of a text; how deep messages contain messages, the fields and the bytes in all of a
+message of defaults."""
 EMPTY_FIELD = "structure_needs_at_least_one_member"
 """The one field that ROS gives an empty message. It is on the wire, and nowhere else."""
 
@@ -65,6 +69,48 @@ class Definition:
         return len(self.fields) == 1 and self.fields[0].name == "data"
 
 
+def check_text(text: str, name: str) -> None:
+    """Raise MessageError for the text of a type that is too long to be parsed."""
+    lines = text.count("\n") + 1
+    if len(text) > LONGEST or lines > MOST_LINES:
+        got = f"{len(text):,} characters in {lines:,} lines"
+        raise MessageError(f"has {got}; at most {LONGEST:,} in {MOST_LINES:,} are read", type=name)
+
+
+Sizes: TypeAlias = dict[str, tuple[int, int, int]]
+"""By type: how deep its messages contain others, their fields in all, and about how many bytes they take."""
+
+
+def check_size(
+    name: str, find: Callable[[str], Definition | None], known: Sizes, inside: tuple[str, ...] = ()
+) -> Sizes:
+    """Add a type, and those that it contains, which `find` defines, to the `known` ones. Returns these.
+
+    Raises MessageError if a field is of an unknown type, a type contains itself, or its messages would be too large.
+    """
+    content = find(name)
+    if content is None:
+        raise MessageError("its definition is not known", type=name)
+    depth, fields, bytes = 0, 0, 200
+    for field in content.fields:
+        one = (0, 1, 64 if field.base == "string" else int(re.sub(r"\D", "", field.base) or 8) // 8)
+        if field.is_message:
+            if field.base in (name, *inside):
+                raise MessageError("a type cannot contain itself", type=name, field=field.name)
+            if find(field.base) is None:
+                raise MessageError(f"its type {field.base} is not known: register it", type=name, field=field.name)
+            if field.base not in known and len(inside) < DEEPEST:
+                check_size(field.base, find, known, (*inside, name))
+            one = known.get(field.base, (DEEPEST, 0, 0))
+        times = {"single": 1, "array": field.size, "sequence": 0}[field.shape]
+        depth, fields, bytes = max(depth, one[0] + 1), fields + max(1, one[1] * min(times, 1)), bytes + one[2] * times
+    for got, most, what in ((depth, DEEPEST, "levels"), (fields, MOST_FIELDS, "fields"), (bytes, LARGEST, "bytes")):
+        if got > most:
+            raise MessageError(f"its messages have {got:,} {what}; at most {most:,} are accepted", type=name)
+    known[name] = depth, fields, bytes
+    return known
+
+
 def from_rosbags(name: str, constants: Any, fields: Any, defaults: Mapping[str, Any]) -> Definition:
     """Return the definition of a type from rosbags' (name, type, value) of constants and (name,
     description) of fields."""
@@ -86,6 +132,7 @@ def from_text(text: str, name: str) -> list[Definition]:
     if match is None:
         text = "a type is named like my_robot_msgs/msg/Wheel, my_robot_msgs/srv/Reset or my_robot_msgs/action/Drive"
         raise MessageError(text, type=name)
+    check_text(text, name)
     lines = text.splitlines()
     if match[1] == "msg":
         return [_message(lines, name)]
@@ -143,6 +190,8 @@ def _message(lines: list[str], name: str) -> Definition:
 
     place = re.sub("/(srv|action)/", "/msg/", name)  # where a type without package is looked for
     for line in lines:
+        if is_deep(line):
+            raise MessageError(f"brackets are nested more than {DEPTH} deep in {line.strip()[:80]!r}", type=name)
         try:
             get_types_from_msg(line, place)
         except (TypesysError, ValueError, RecursionError):  # the latter two: numbers and depth without end
@@ -151,15 +200,17 @@ def _message(lines: list[str], name: str) -> Definition:
     ((constants, fields),) = get_types_from_msg("\n".join(lines), place).values()
     defaults = dict(filter(None, map(_default, lines)))
     result = from_rosbags(name, constants, fields, defaults)
-    for number, entry in enumerate(result.fields):
+    seen = set[str]()
+    for entry in result.fields:
         base = entry.base.rpartition("/")[2]
         if base == "wstring":
             raise MessageError("wstring is not supported: use string, which is UTF-8", type=name, field=entry.name)
         if entry.is_message and base[0].islower():  # what the parser makes of a primitive that it does not know
             text = f"there is no primitive type {base!r}; a message type begins with a capital letter"
             raise MessageError(text, type=name, field=entry.name)
-        if entry.name in (earlier.name for earlier in result.fields[:number]):
+        if entry.name in seen:
             raise MessageError("there are two fields of this name", type=name, field=entry.name)
+        seen.add(entry.name)
     return result
 
 

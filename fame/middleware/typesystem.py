@@ -24,7 +24,7 @@ from types import MappingProxyType
 from typing import Any
 
 from fame.errors import MessageError
-from fame.middleware.definitions import Definition, Field, from_rosbags, from_text
+from fame.middleware.definitions import LONGEST, Definition, Field, Sizes, check_size, from_rosbags, from_text
 
 STRING = "std_msgs/msg/String"
 GID, NODE = "rmw_dds_common/msg/Gid", "rmw_dds_common/msg/NodeEntitiesInfo"
@@ -81,6 +81,8 @@ _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _SUFFIXES = (".msg", ".srv", ".action")
 _SHIPPED = Path(__file__).with_name("interfaces")
 _definitions: dict[str, Definition] = {}
+_checked: Sizes = {}
+"""The types whose references and sizes were checked."""
 _broken: dict[str, str] = {}
 """Types whose files were left out, with the file and the reason."""
 _lock = threading.RLock()
@@ -198,6 +200,8 @@ def register_files(path: str | Path, package: str = "") -> list[str]:
             name = f"{package or home.name}/{file.suffix[1:]}/{file.stem}"
             places[name] = file
             try:
+                if file.stat().st_size > LONGEST:
+                    raise MessageError(f"has more than {LONGEST:,} bytes", type=name)
                 described[name] = _add(from_text(file.read_text("utf-8"), name))
             except _Conflict:
                 raise
@@ -233,18 +237,18 @@ def _forget(names: Iterable[str], before: Mapping[str, Definition]) -> None:
     with _lock:
         for full in [full for full in names if full not in before]:
             del _definitions[full]
+            _checked.pop(full, None)
 
 
-def check_references(content: Definition, inside: tuple[str, ...] = ()) -> None:
-    """Raise MessageError if a field is of an unknown type, or if a type contains itself."""
-    for entry in content.fields:
-        if entry.is_message:
-            if entry.base not in _table() and not _sourced(entry.base):
-                text = f"its type {entry.base} is not known: register it"
-                raise MessageError(text, type=content.name, field=entry.name)
-            if entry.base in (content.name, *inside):
-                raise MessageError("a type cannot contain itself", type=content.name, field=entry.name)
-            check_references(_table()[entry.base], (content.name, *inside))
+def check_references(content: Definition) -> None:
+    """Raise MessageError if a field is of an unknown type, if a type contains itself, or if its messages would be too
+    large."""
+    if content.name not in _checked:
+        check_size(content.name, _find, _checked)
+
+
+def _find(name: str) -> Definition | None:
+    return BUILTIN.get(name) or (_table()[name] if name in _table() or _sourced(name) else None)
 
 
 def _sourced(full: str) -> bool:

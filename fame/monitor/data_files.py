@@ -449,21 +449,15 @@ def read_bag(path: str | Path, topics: Mapping[str, str]) -> Generator[tuple[flo
     Raises ConfigError for a file that is neither a bag nor a recording of FAME, lacks a topic, or has it with another
     type.
     """
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.typesys import Stores, get_typestore
+    from fame.log.bag_reader import open_bag
 
-    file = str(path)
     if _is_recording(Path(path)):
         yield from _read_recording(path, topics)
         return
-    try:
-        with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            connections = [item for item in reader.connections if item.topic in topics]
-            _require_topics(topics, {item.topic: item.msgtype for item in reversed(reader.connections)}, file)
-            for connection, time, data in reader.messages(connections=connections):
-                yield time * 1e-9, connection.topic, reader.deserialize(data, connection.msgtype)
-    except (AnyReaderError, OSError) as error:
-        raise ConfigError(f"is not a readable bag: {error}", file=file) from None
+    with open_bag(Path(path)) as reader:
+        _require_topics(topics, {name: topic.type for name, topic in reader.topics.items()}, str(path))
+        for time, name, message in reader.messages(topics):
+            yield time * 1e-9, name, message
 
 
 def is_bag(path: Path) -> bool:
@@ -472,13 +466,14 @@ def is_bag(path: Path) -> bool:
 
 
 def _is_recording(path: Path) -> bool:
-    """Return whether a file is MCAP of no profile: a bag has that of ROS 2."""
+    """Return whether a file is MCAP that FAME wrote: without a profile, as a bag of others may be, and of this
+    library."""
     try:
         with path.open("rb") as stream:
-            head = stream.read(21)  # magic, kind and length of the header, length of its profile
+            head = stream.read(30)  # magic, kind and length of the header, length of its profile, its library
     except OSError:
         return False
-    return head.startswith(b"\x89MCAP0\r\n\x01") and head.endswith(bytes(4))
+    return head.startswith(b"\x89MCAP0\r\n\x01") and head[17:21] == bytes(4) and head[25:] == b"fame "
 
 
 def incomplete(path: Path) -> list[str]:

@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from fame.deploy.options import EngineOptions
-from fame.errors import ConfigError
+from fame.errors import ConfigError, FameError, MessageError
 
 from .mutations import Mutate, json_lines, json_text, text_or_bytes, xml, zipped
 
@@ -348,7 +348,9 @@ def read_definition(data: bytes) -> None:
     from fame.middleware import definitions
 
     name = "fuzz_msgs/action/Drive" if b"---" in data else "fuzz_msgs/msg/Wheel"
-    definitions.from_text(_text(data), name)
+    for each in definitions.from_text(_text(data), name):
+        with suppress(MessageError):  # of a type that is not here
+            definitions.check_size(each.name, lambda name, each=each: each if name == each.name else None, {})
 
 
 def read_recording(data: bytes) -> None:
@@ -365,6 +367,48 @@ def read_recording(data: bytes) -> None:
             recording.decode(message)
     for suffix in (".jsonl", ".csv", ".xes", ".ocel.json"):
         convert(path, _folder() / f"converted{suffix}")
+
+
+def read_bag(data: bytes) -> None:
+    """A bag in MCAP, SQLite or of ROS 1: the messages of each topic."""
+    from fame.log.bag_reader import open_bag
+
+    with open_bag(_file("bag", data)) as reader:
+        for name in reader.topics:
+            with suppress(FameError):
+                list(reader.messages([name]))
+
+
+def _bags() -> list[bytes]:
+    from mcap.writer import CompressionType, Writer
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
+
+    type, folder = "geometry_msgs/msg/PoseStamped", _folder() / "sqlite"
+    store = get_typestore(Stores.ROS2_JAZZY)
+    text, sent = store.generate_msgdef(type, ros_version=2)[0].encode(), bytes(4) + bytes(80)
+    found = []
+    for compression in CompressionType:
+        stream = io.BytesIO()
+        writer = Writer(stream, compression=compression)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/pose", "cdr", writer.register_schema(type, "ros2msg", text))
+        for number in range(5):
+            writer.add_message(channel, number, sent, number)
+        writer.finish()
+        found.append(stream.getvalue())
+    with Writer2(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as second:
+        second.write(second.add_connection("/pose", type, typestore=store), 1, sent)
+    found.append((folder / "sqlite.db3").read_bytes())
+    for kind in (*Writer1.CompressionFormat, None):
+        first = Writer1(folder / f"{kind}.bag")
+        if kind is not None:
+            first.set_compression(kind)
+        with first:
+            first.write(first.add_connection("/pose", type, typestore=store), 1, bytes(80))
+        found.append((folder / f"{kind}.bag").read_bytes())
+    return found
 
 
 @cache
@@ -766,6 +810,7 @@ TARGETS = tuple(
         ("cdr", read_cdr, _cdr, text_or_bytes, {}),
         ("definition", read_definition, partial(_examples, *DEFINITIONS), text_or_bytes, {}),
         ("recording", read_recording, lambda: [_run()], text_or_bytes, {"slow": True, "needs": ("pymunk",)}),
+        ("bag", read_bag, _bags, text_or_bytes, {"slow": True}),
         ("channels", read_channels, _channels, json_lines, {"slow": True, "needs": ("pymunk",)}),
         ("log", read_log, _logs, text_or_bytes, {"needs": ("pymunk",)}),
         ("xes", partial(judge_log, ".xes"), _xes, xml, {"needs": ("pymunk",)}),
