@@ -39,7 +39,7 @@ FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py)
 # Another Python, and tests of what differs between versions: parsing of scripts, generators, regular expressions, dates.
 VERSION ?= 3.14
 FAST_TESTS := $(addprefix tests/,test_reader.py test_scripts.py test_script_budget.py test_variables.py test_expressions.py test_feel.py \
-	test_clock.py test_messages.py test_journal.py test_transforms.py test_small_missions.py)
+	test_clock.py test_messages.py test_journal.py test_transforms.py test_small_missions.py test_cli_models.py)
 
 # The files with a word, one that marks the tests of a stage: to collect all files takes longer than some stages.
 tests_with = $(shell grep -lrw --include='test_*.py' $(1) tests)

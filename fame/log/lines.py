@@ -111,8 +111,8 @@ def table(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> Iterator[Obs
 
     def row(cells: Sequence[Any], end: str) -> str:
         text = StringIO()
-        csv.writer(text, lineterminator=end).writerow(cells)
-        return text.getvalue()
+        csv.writer(text, lineterminator="\n").writerow(cells)
+        return text.getvalue()[:-1] + end
 
     stream.write(row(COLUMNS, "\n").encode())
 
