@@ -1,7 +1,9 @@
 """What every middleware promises, whichever it is."""
 
+import math
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -9,7 +11,7 @@ from middleware_contract import BACKENDS, WallWorld, World, middlewares, world
 
 from fame.errors import MessageError
 from fame.middleware.interface import LATCHED, SENSOR_DATA, DeferredResponse, QoS
-from fame.middleware.messages import create
+from fame.middleware.messages import create, message_type, to_mapping
 
 INT, TEXT, FLAG = "std_msgs/msg/Int64", "std_msgs/msg/String", "std_msgs/msg/Bool"
 SET_BOOL, TRIGGER = "std_srvs/srv/SetBool", "std_srvs/srv/Trigger"
@@ -58,6 +60,66 @@ def test_a_message_arrives_as_it_was(here: World, type: str) -> None:
     publisher.publish(message)
     here.until(lambda: seen)
     assert seen == [message]
+
+
+CARRIED: dict[str, tuple[Any, Any]] = {  # of std_msgs: what `data` is given, and what arrives
+    "Bool": (1, True),
+    "Byte": (255, 255),
+    "Char": (65, 65),
+    "Float32": (0.2, 0.20000000298023224),
+    "Float64": (1, 1.0),
+    "Int8": (-128.0, -128),
+    "Int16": (-(2**15), -(2**15)),
+    "Int32": (2**31 - 1, 2**31 - 1),
+    "Int64": (-(2**63), -(2**63)),
+    "UInt8": (True + 1, 2),
+    "UInt16": (2**16 - 1, 2**16 - 1),
+    "UInt32": (2**32 - 1, 2**32 - 1),
+    "UInt64": (2**64 - 1, 2**64 - 1),
+    "String": (5, "5"),
+    "Float32MultiArray": ([0.2, 1, math.inf], [0.20000000298023224, 1.0, math.inf]),
+    "Float64MultiArray": ([0.2, 1], [0.2, 1.0]),
+    "ByteMultiArray": ([255, 0], [255, 0]),
+    "Int64MultiArray": ((-(2**63), 1.0), [-(2**63), 1]),
+    "UInt64MultiArray": ([2**64 - 1], [2**64 - 1]),
+}
+REFUSED = {
+    "std_msgs/msg/Bool": {"data": "maybe"},
+    "std_msgs/msg/Float32": {"data": 1e39},
+    "std_msgs/msg/Float64": {"data": "far"},
+    "std_msgs/msg/UInt8": {"data": 256},
+    "std_msgs/msg/Int64": {"data": 0.5},
+    "std_msgs/msg/String": {"data": "a\0b"},
+    "std_msgs/msg/UInt8MultiArray": {"data": [-1]},
+    "shape_msgs/msg/SolidPrimitive": {"dimensions": [1.0, 2.0, 3.0, 4.0]},  # of at most 3
+    "unique_identifier_msgs/msg/UUID": {"uuid": [0] * 15},
+    "sensor_msgs/msg/JointState": {"name": [None]},
+    "geometry_msgs/msg/PoseStamped": {"header": None},
+}
+
+
+def test_values_arrive_as_a_wire_carries_them_also_where_there_is_none(here: World) -> None:
+    seen: dict[str, Any] = {}
+    subscriber, node = here.node("a"), here.node("b")
+    publishers = {}
+    for name in CARRIED:
+        subscriber.subscription(f"/{name}", f"std_msgs/msg/{name}", partial(seen.__setitem__, name))
+        publishers[name] = node.publisher(f"/{name}", f"std_msgs/msg/{name}")
+    here.connect(*(f"/{name}" for name in CARRIED))
+    for name, (given, _) in CARRIED.items():
+        publishers[name].publish(message_type(f"std_msgs/msg/{name}")(data=given))  # type: ignore[call-arg]
+    here.until(lambda: len(seen) == len(CARRIED))
+    arrived = {name: to_mapping(seen[name])["data"] for name in CARRIED}
+    assert repr(arrived) == repr({name: expected for name, (_, expected) in CARRIED.items()})
+
+
+@pytest.mark.parametrize("type", REFUSED)
+def test_a_message_with_a_value_that_no_wire_carries_is_refused(here: World, type: str) -> None:
+    here.node("a").subscription("/x", type, print)
+    publisher = here.node("b").publisher("/x", type)
+    here.connect("/x")
+    with pytest.raises(MessageError, match=next(iter(REFUSED[type]))):
+        publisher.publish(message_type(type)(**REFUSED[type]))
 
 
 def test_a_node_never_hears_itself_but_another_node_of_the_same_name_does(here: World) -> None:

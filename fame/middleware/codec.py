@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 from fame.errors import MessageError
 from fame.middleware import typesystem
 from fame.middleware.definitions import EMPTY_FIELD, Field
-from fame.middleware.messages import Message, message_type
+from fame.middleware.messages import Message, create, message_type
 from fame.middleware.primitives import DTYPES
 from fame.middleware.typesystem import HASHES, STRING
 
@@ -34,6 +34,7 @@ def serialize(message: Message) -> bytes:
     Raises MessageError if a field was given a value that does not fit.
     """
     name = message.__msgtype__
+    message = create(name, message)
     try:
         if name == STRING:
             return pack_text(message.data)

@@ -1,9 +1,10 @@
 """The backend within one process: deterministic, and fast: a topic without subscribers costs next to nothing.
 
-A message travels as the same object, which is why it must not be changed. `publish` hands it to every subscription of
-another node that it matches: there it waits for an entry of the scheduler at the present time. So messages arrive in
-the order of publication and, of one message, in the order of subscription. The history of a subscription bounds its
-queue: with keep last, a new message replaces the oldest one of a full queue.
+A message travels as the same object, which is why it must not be changed. One with values that no wire carries (a
+float32 with too many digits, an integer for a float) travels as another, with what a wire carries. `publish` hands it
+to every subscription of another node that it matches: there it waits for an entry of the scheduler at the present time.
+So messages arrive in the order of publication and, of one message, in the order of subscription. The history of a
+subscription bounds its queue: with keep last, a new message replaces the oldest one of a full queue.
 
 Quality of service has the same effect as on the wire: endpoints that do not match are not connected, with an entry in
 `warnings`; a late transient local subscription gets the last messages of the transient local publishers that still
@@ -256,9 +257,12 @@ class LocalPublisher:
             self._kept = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
 
     def publish(self, message: AnyMessage) -> None:
-        """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
+        """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed; if
+        somebody gets it, also for values that do not fit their fields."""
         if message.__class__ is not self._class:
             raise publish_error(self.topic, self.type, message, closed=self._class is None)
+        if self.matched or self._kept is not None:
+            message = messages.create(self.type, message)
         if self._kept is not None:
             self._kept.append((self.node.middleware.scheduler.now, message))
         for subscription in self.matched:

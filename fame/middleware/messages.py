@@ -15,8 +15,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
+from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -77,10 +78,10 @@ def create(type: str, value: Any = None) -> Message:
     """Return a message of a type.
 
     `value` is None for one of defaults, a mapping with some of the fields, or a message of that type, which is
-    returned as it is. A type whose only field is ``data`` (``std_msgs/msg/String``) takes the value of that field,
-    times and durations take a number of seconds, a quaternion takes a yaw (rad). Values in another form are converted:
-    ``"true"``, ``"1.5"``, ``3.0`` for an integer. Raises MessageError with the path of the field for a value that does
-    not fit, and for an unknown field.
+    returned as it is if all its values are of their types. A type whose only field is ``data``
+    (``std_msgs/msg/String``) takes the value of that field, times and durations take a number of seconds, a quaternion
+    takes a yaw (rad). Values in another form are converted: ``"true"``, ``"1.5"``, ``3.0`` for an integer. Raises
+    MessageError with the path of the field for a value that does not fit, and for an unknown field.
     """
     try:
         return message_type(type)() if value is None else cast(Message, _filler(type)(value))
@@ -227,13 +228,15 @@ def _filler(name: str) -> Converter:
     """The function that makes a message of the type from any value. It raises Misfit."""
     content = typesystem.definition(name)
     cls = message_type(name)
+    settle = _settler(content, cls)
     convert = {field.name: _converter(field) for field in content.fields}
+    convert |= {field.name: _copying(convert[field.name]) for field in content.fields if field.shape != "single"}
     attributes = {field.name: field.attribute for field in content.fields if field.name != field.attribute}
     from_other = _from_other(content, cls, convert)
 
     def fill(value: Any) -> Any:
         if value.__class__ is cls:
-            return value
+            return settle(value)
         if value.__class__ is not dict and not isinstance(value, Mapping):
             return from_other(value)
         given = {}
@@ -252,6 +255,68 @@ def _filler(name: str) -> Converter:
         return cls(**given)
 
     return fill
+
+
+def _settler(content: Definition, cls: type[Message]) -> Converter:
+    """The function that returns a message as any wire carries it: the same one, or one with the values of its types."""
+    fields = [(field.attribute, _converter(field)) for field in content.fields]
+
+    def settle(message: Any) -> Any:
+        try:
+            if _is_settled(content.name)(message):
+                return message
+        except (AttributeError, Misfit):
+            pass  # the walk below says where
+        settled = {}
+        attribute = ""
+        try:
+            for attribute, convert in fields:
+                settled[attribute] = convert(getattr(message, attribute, None))
+        except Misfit as misfit:
+            raise misfit.below(attribute) from None
+        return cls(**settled)
+
+    return settle
+
+
+@cache
+def _is_settled(name: str) -> Callable[[Message], bool]:
+    """The function that tells whether a message, with those in it, has values of its types. Raises Misfit if not."""
+    leaves = list(_leaves(typesystem.definition(name), ""))
+    get = attrgetter("__class__", "__class__", *(path for path, _ in leaves))  # of two or more a tuple
+    classes = tuple(map(type, get(message_type(name)())))
+    further = enumerate((field for _, field in leaves), 2)
+    tests = [(at, _converter(field)) for at, field in further if str(field) not in ("float64", "bool")]
+
+    def is_settled(message: Message) -> bool:
+        values = get(message)
+        if tuple(map(type, values)) != classes:
+            return False
+        for at, test in tests:  # noqa: SIM110 (a loop is faster by a third)
+            if test(values[at]) is not values[at]:
+                return False
+        return True
+
+    return is_settled
+
+
+def _leaves(content: Definition, above: str) -> Iterator[tuple[str, Field]]:
+    """The fields that are no single message, with the way to them."""
+    for field in content.fields:
+        if field.is_message and field.shape == "single":
+            yield from _leaves(typesystem.definition(field.base), f"{above}{field.attribute}.")
+        else:
+            yield f"{above}{field.attribute}", field
+
+
+def _copying(convert: Converter) -> Converter:
+    """The converter, so that the list that is given may be changed afterwards."""
+
+    def convert_copy(value: Any) -> Any:
+        items = convert(value)
+        return items.copy() if items is value else items
+
+    return convert_copy
 
 
 def _from_other(content: Definition, cls: type[Message], convert: Mapping[str, Converter]) -> Converter:

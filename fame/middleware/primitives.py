@@ -2,7 +2,8 @@
 
 A converter takes any value and returns that of the field, or raises `Misfit`. It accepts other forms of the same value
 (``"true"`` for a bool, ``"1.5"`` and ``1`` for a float, ``3.0`` for an int, a number for a string), and nothing that
-would lose information. There is one converter per field, made once; the usual case passes it with one test.
+would lose information. There is one converter per field, made once; the usual case passes it with one test. What is
+right already is returned as it is, the same object. A float32 is rounded: 0.2 is 0.20000000298023224, as on the wire.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 import numbers
 import operator
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -21,6 +23,7 @@ DTYPES = {"byte": "uint8"}
 """Primitive -> numpy dtype of a list of it, where the names differ. Lists of strings are not arrays."""
 
 _INTEGERS = {f"{sign}int{bits}": bits for sign in ("", "u") for bits in (8, 16, 32, 64)} | {"byte": 8}
+_FLOAT32 = struct.Struct("f")
 _LARGEST_FLOAT32 = (2 - 2**-23) * 2.0**127
 
 
@@ -89,7 +92,7 @@ def listed(convert: Converter, field: Field) -> Callable[[Any], list[Any]]:
         except Misfit as misfit:
             raise misfit.below(f"[{len(items)}]") from None
         check_length(len(items), field)
-        return items
+        return value if value.__class__ is list and all(map(operator.is_, items, value)) else items
 
     return convert_all
 
@@ -137,7 +140,8 @@ def _float32(value: Any) -> float:
     number = _float(value)
     if abs(number) > _LARGEST_FLOAT32 and not math.isinf(number):
         raise expected("a number of at most 3.4e38 (float32)", value)
-    return number
+    rounded: float = _FLOAT32.unpack(_FLOAT32.pack(number))[0]
+    return number if rounded == number else rounded
 
 
 def _integer(base: str) -> Converter:
@@ -208,7 +212,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _array(field: Field, single: Converter) -> Converter:
-    """A converter to one-dimensional numpy arrays. It copies, so that the list may be changed afterwards."""
+    """A converter to one-dimensional numpy arrays."""
     import numpy
 
     dtype = numpy.dtype(DTYPES.get(field.base, field.base))
@@ -219,7 +223,7 @@ def _array(field: Field, single: Converter) -> Converter:
             value = numpy.frombuffer(value, numpy.uint8)
         if isinstance(value, numpy.ndarray) and value.dtype == dtype and value.ndim == 1:
             check_length(len(value), field)
-            return value.copy()
+            return value
         return numpy.array(as_list(value), dtype)
 
     return convert
