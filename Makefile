@@ -1,4 +1,4 @@
-# make demo    run the ground-vehicle mission, with a picture, a film and logs under out/
+# make demo    run the agriculture mission; its film and its recording are in out/
 # make test    run the tests; what needs a browser, npm or ROS is skipped where that is missing
 # make test-processes   the tests of teams in real processes: whole missions, killed, repaired, migrated, in lockstep
 # make test-browser     the tests of the page of `fame view`; needs chromium
@@ -20,7 +20,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
-DEMO := out/ground_vehicles
+DEMO := out/agriculture
 
 ROS_PYTHON := .venv-ros/bin/python
 ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_servers_that_fail.py test_engine_processes.py \
@@ -47,9 +47,10 @@ tests_with = $(shell grep -lrw --include='test_*.py' $(1) tests)
 .PHONY: demo docs test torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
-	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
-		--log $(DEMO).jsonl --log $(DEMO).xes
-	@ls $(DEMO).*
+	$(BIN)/fame run examples/agriculture.yaml --log $(DEMO).mcap --animate $(DEMO).gif
+	@echo "$(DEMO).gif: the film: the diagram with its tokens, and the world"
+	@echo "$(DEMO).mcap: the recording of all that happened"
+	@echo "To see the run in a browser: $(BIN)/pip install -e '.[view]' && $(BIN)/fame view $(DEMO).mcap"
 
 test: $(VENV)/dev.installed
 	$(BIN)/python .ci/stage.py $@ -- -n 3 --dist worksteal -m "not processes" $(PYTEST)

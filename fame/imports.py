@@ -14,6 +14,7 @@ from fame.errors import UnavailableError
 
 _EXTRAS = {
     "PIL": ("animations need Pillow", "sim"),
+    "resvg_py": ("films with a diagram need resvg-py (--show world does without it)", "sim"),
     "orjson": ("--state needs orjson", "all"),
     "joblib": ("campaigns need joblib", "campaign"),
     "distributed": ("--backend dask needs distributed", "dask"),

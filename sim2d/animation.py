@@ -1,4 +1,4 @@
-"""Draws a run as an animation, GIF or MP4, or its end as a picture: robots with names, sensors and trails, captions.
+"""Draws a run as a film (GIF, MP4 or WebP), or its end as a picture: robots with names, sensors and trails, captions.
 
 Pillow draws each frame at twice its size, over a background with everything static and the trails so far, and shrinks
 it. This smooths the edges and is many times faster than a plotting library.
@@ -54,7 +54,7 @@ def animate(
     title: str = "",
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
-    """Write a run as `.gif`, or as `.mp4` with ffmpeg, with `fps` frames per second at `speed` times simulated time.
+    """Write a run as `.gif`, `.webp` or (with ffmpeg) `.mp4`: `fps` frames per second, `speed` times simulated time.
 
     Without `speed` the animation has the speed of the run, but lasts at most 15 s. `progress` is called after each
     frame with the number of frames drawn and their total.
@@ -67,19 +67,53 @@ def animate(
         raise ConfigError(f"expected a file {' or '.join(WRITERS)}, got {kind!r}", file=str(path))
     _check(record, path)
     if speed is None:
-        speed = max(1.0, record.times[-1] / _LONGEST)
+        speed = usual_speed(record.times[-1])
     if fps <= 0 or speed <= 0:
         raise ConfigError(f"expected fps and speed above 0, got fps {fps:g} and speed {speed:g}", file=str(path))
+    times = frame_times(record.times[-1], speed / fps)
+    write_film(world_frames(record, times, labels=labels, title=title), path, len(times), fps, progress)
+
+
+def usual_speed(end: float) -> float:
+    """Return the speed of a film of a run of `end` s: that of the run, or what makes it last 15 s."""
+    return max(1.0, end / _LONGEST)
+
+
+def frame_times(end: float, step: float) -> Sequence[float]:
+    """Return the times of the frames of a run of `end` s, `step` s apart: the last is its end."""
+    return [min(number * step, end) for number in range(max(1, math.ceil(end / step - 1e-9) + 1))]
+
+
+def world_frames(
+    record: WorldRecord,
+    times: Sequence[float],
+    *,
+    labels: Iterable[Caption] = (),
+    title: str = "",
+    room: tuple[int, int] | None = None,
+) -> Iterator[Image]:
+    """Yield the world at each time (s); its ground fills at most `room` (width, height in pixels)."""
+    for frame in _frames(record, _Captions(record, labels), times, title, room):
+        yield frame.reduce(SMOOTH)
+
+
+def write_film(
+    frames: Iterator[Image],
+    path: str | PathLike[str],
+    count: int,
+    fps: float,
+    progress: Callable[[int, int], object] | None = None,
+) -> None:
+    """Write `count` images of one size as a film. `progress` is called as by `animate`."""
     with writing(path):
-        step = speed / fps
-        frames = (frame.reduce(SMOOTH) for frame in _frames(record, _Captions(record, labels), step, title))
-        WRITERS[kind](_counted(frames, _number_of_frames(record, step), progress), str(path), fps)
+        WRITERS[Path(path).suffix.lower()](_counted(frames, count, progress), str(path), fps)
 
 
 def picture(record: WorldRecord, path: str | PathLike[str], *, labels: Iterable[Caption] = (), title: str = "") -> None:
     """Write the last frame of a film of a run as `.png`, twice as large. Raises as `animate`."""
     _check(record, path)
-    *_, last = _frames(record, _Captions(record, labels), record.times[-1] or 1.0, title)
+    times = frame_times(record.times[-1], record.times[-1] or 1.0)
+    *_, last = _frames(record, _Captions(record, labels), times, title)
     with writing(path):
         last.save(path)
 
@@ -90,10 +124,6 @@ def _check(record: WorldRecord, path: str | PathLike[str]) -> None:
         raise ConfigError("expected a run of at least one step, got nothing recorded", file=str(path))
     for package in ("PIL", "matplotlib"):
         require(package)
-
-
-def _number_of_frames(record: WorldRecord, step: float) -> int:
-    return max(1, math.ceil(record.times[-1] / step - 1e-9) + 1)
 
 
 def _counted(frames: Iterator[Image], count: int, progress: Callable[[int, int], object] | None) -> Iterator[Image]:
@@ -131,12 +161,19 @@ class _Captions:
         return max(held, key=lambda text: held[text], default="")
 
 
-def _frames(record: WorldRecord, captions: _Captions, step: float, title: str) -> Iterator[Image]:
-    view = view_of(record, _caption_table(len(captions.names))[1])
+def _frames(
+    record: WorldRecord,
+    captions: _Captions,
+    times: Sequence[float],
+    title: str,
+    room: tuple[int, int] | None = None,
+) -> Iterator[Image]:
+    lines = _caption_table(len(captions.names))[1]
+    view = view_of(record, lines, room) if room else view_of(record, lines)
     still = background(record, view, title)
-    drawn, end = 0, record.times[-1]
-    for number in range(_number_of_frames(record, step)):
-        time = min(number * step, end)
+    step = times[1] - times[0] if len(times) > 1 else 1.0
+    drawn = 0
+    for time in times:
         sample = max(bisect_right(record.times, time + 1e-9) - 1, 0)
         _extend_ways(still, record, view, drawn, sample)
         _cut_weeds(still, record, view, record.times[drawn], record.times[sample])
@@ -381,5 +418,16 @@ def write_mp4(frames: Iterator[Image], path: str, fps: float) -> None:
         raise UnavailableError(f"ffmpeg could not write {path}: it ended with code {process.returncode}")
 
 
-WRITERS: Mapping[str, Callable[[Iterator[Image], str, float], None]] = {".gif": write_gif, ".mp4": write_mp4}
+def write_webp(frames: Iterator[Image], path: str, fps: float) -> None:
+    """Write an animated WebP that repeats forever."""
+    first, *others = frames
+    durations = [round(1000 / fps)] * len(others) + [_PAUSE]
+    first.save(path, save_all=True, append_images=others, duration=durations, loop=0, quality=80, minimize_size=False)
+
+
+WRITERS: Mapping[str, Callable[[Iterator[Image], str, float], None]] = {
+    ".gif": write_gif,
+    ".mp4": write_mp4,
+    ".webp": write_webp,
+}
 """By file extension; each takes frames, path, frames per second."""

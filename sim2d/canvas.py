@@ -46,10 +46,10 @@ class Viewport:
         return [self.at(place) for place in places]
 
 
-def view_of(record: WorldRecord, lines: int) -> Viewport:
-    """Return the view of a record's ground on an image with `lines` of captions below it."""
+def view_of(record: WorldRecord, lines: int, room: tuple[int, int] = (_WIDTH, _HEIGHT)) -> Viewport:
+    """Return the view of a record's ground, in at most that room (pixels), with `lines` of captions below it."""
     xmin, ymin, xmax, ymax = record.config.bounds
-    scale = min(_WIDTH / (xmax - xmin), _HEIGHT / (ymax - ymin))
+    scale = min(room[0] / (xmax - xmin), room[1] / (ymax - ymin))
     ground = round((xmax - xmin) * scale), round((ymax - ymin) * scale)
     width = max(ground[0], 420) + 2 * EDGE
     captions_top = HEAD + ground[1] + EDGE // 2
@@ -171,14 +171,25 @@ def faint(colour: str, alpha: int) -> str:
     return f"{colour}{alpha:02x}"
 
 
+def font_file(bold: bool) -> Path:
+    """Return the file of the font of films and pictures: the one shipped with matplotlib."""
+    import matplotlib as mpl
+
+    return Path(mpl.get_data_path(), "fonts", "ttf", "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
+
+
 @cache
 def font(size: int, bold: bool) -> Any:
-    """Return a font of the large image; `size` in pixels of the final one. It is the one shipped with matplotlib."""
-    import matplotlib as mpl
+    """Return a font of the large image; `size` in pixels of the final one."""
+    return plain_font(size * SMOOTH, bold)
+
+
+@cache
+def plain_font(size: int, bold: bool = False) -> Any:
+    """Return a font; `size` in pixels."""
     from PIL import ImageFont
 
-    file = Path(mpl.get_data_path(), "fonts", "ttf", "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
-    return ImageFont.truetype(str(file), size * SMOOTH)
+    return ImageFont.truetype(str(font_file(bold)), size)
 
 
 def fitting(text: str, width: float, size: int) -> str:

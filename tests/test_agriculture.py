@@ -16,7 +16,7 @@ from fame.log import logging_to
 from fame.robot import Event
 from fame.robot.events import combine_observers
 from fame.scenario import Result, Scenario
-from fame.scenario.films import read_film
+from fame.scenario.films import read_run
 from sim2d.config import world_config
 from sim2d.record import WorldRecord
 
@@ -78,7 +78,9 @@ def observed(scenario: Scenario) -> Run:
         with logging_to(path, scenario.closures()) as log:
             observer = combine_observers([events.append, log])
             result = scenario.run(observer=observer)
-        return Run(result, events, *read_film(path))
+        run = read_run(path)
+        assert run.world is not None
+        return Run(result, events, run.world, run.labels)
 
 
 def tractors(*places: tuple[float, float], **parameters: Any) -> dict[str, Any]:

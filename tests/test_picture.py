@@ -318,7 +318,7 @@ def test_the_same_record_gives_the_same_file(record, tmp_path):
 
 
 def test_a_film_needs_a_known_ending_and_something_recorded(record, tmp_path):
-    with pytest.raises(ConfigError, match=r"expected a file .gif or .mp4, got '.avi'"):
+    with pytest.raises(ConfigError, match=r"expected a file .gif or .mp4 or .webp, got '.avi'"):
         animate(record, tmp_path / "world.avi")
     with pytest.raises(ConfigError, match="got nothing recorded"):
         animate(WorldRecorder(ground().world).record, tmp_path / "world.gif")

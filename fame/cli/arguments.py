@@ -211,5 +211,12 @@ def add_time_unit(parser: Parser, default: str) -> None:
     )
 
 
+def add_show(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--show", choices=("both", "diagram", "world"), default="both",
+        help="what a film shows: the diagram with its tokens and the simulated world (default), or one of them",
+    )  # fmt: skip
+
+
 def add_json(parser: Parser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object, also after an error")

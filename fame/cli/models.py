@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, add_json, add_library, command
+from fame.cli.arguments import Commands, add_json, add_library, add_show, command
 from fame.cli.output import note, print_json, progress_line
 from fame.errors import ConfigError
 
@@ -101,7 +101,8 @@ def run_convert(arguments: Namespace) -> int:
 _DRAW_EXAMPLES = (
     "fame draw models/ground_vehicles.bpmn -o out/mission.svg",
     "fame draw models/ground_vehicles.bpmn -o out/path.svg --log out/run.mcap --robot REX",
-    "fame draw --log out/run.mcap -o out/run.gif",
+    "fame draw out/run.mcap -o out/run.gif",
+    "fame draw out/run.mcap -o out/run.webp --show diagram",
 )
 
 
@@ -110,12 +111,15 @@ def add_draw(commands: Commands) -> None:
         commands, "draw", run_draw, examples=_DRAW_EXAMPLES,
         help="draw a model as SVG, with a log the path of that run; or a recording as a film",
     )  # fmt: skip
-    parser.add_argument("model", type=Path, nargs="?", metavar="MODEL.bpmn", help="what an .svg shows")
+    parser.add_argument(
+        "model", type=Path, nargs="?", metavar="MODEL.bpmn|RUN.mcap", help="what an .svg shows, or a film"
+    )
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", required=True,
-        help="file to write: .svg of the model; of the simulated world in a recording .gif, .mp4 (with ffmpeg), or its "
-        "end as .png",
+        help="file to write: .svg of the model; of a recording a film, .gif, .webp or .mp4 (with ffmpeg), or .png of "
+        "its simulated world at the end",
     )  # fmt: skip
+    add_show(parser)
     parser.add_argument(
         "--log",
         type=Path,
@@ -134,14 +138,16 @@ def add_draw(commands: Commands) -> None:
 
 def run_draw(arguments: Namespace) -> int:
     """Write the drawing and name it."""
-    output, kinds = arguments.output, (".svg", ".gif", ".mp4", ".png")
+    from fame.scenario.films import FILMS, PICTURE
+
+    output, kinds = arguments.output, (".svg", *FILMS, PICTURE)
     if output.suffix.lower() not in kinds:
         text = f"expected a file with the ending {' or '.join(kinds)}, got {output.suffix!r}"
         raise ConfigError(text, file=str(output))
     if output.suffix.lower() == ".svg":
         _draw_model(arguments)
     else:
-        _draw_world(arguments)
+        _draw_recording(arguments)
     if arguments.json:
         print_json({"status": "completed", "file": str(output)})
     else:
@@ -149,17 +155,19 @@ def run_draw(arguments: Namespace) -> int:
     return 0
 
 
-def _draw_world(arguments: Namespace) -> None:
-    """Draw the film or picture of a recording."""
+def _draw_recording(arguments: Namespace) -> None:
+    """Draw the film or picture of a recording, which `--log` may name, too."""
     from fame.log.reading import damage
     from fame.scenario.films import draw_film
 
-    if arguments.model is not None or arguments.robot or (arguments.log or Path()).suffix.lower() != ".mcap":
-        text = "shows a simulated world: expected --log RUN.mcap, without a model and --robot"
+    named = [path for path in (arguments.model, arguments.log) if path is not None]
+    if len(named) != 1 or arguments.robot or named[0].suffix.lower() != ".mcap":
+        text = "is made of a recording: expected RUN.mcap, without a model and --robot"
         raise ConfigError(text, file=str(arguments.output))
     with progress_line(sys.stderr, wanted=not arguments.json) as line:
-        draw_film(arguments.log, arguments.output, progress=line.count_frames if line is not None else None)
-    for warning in damage(arguments.log):
+        progress = line.count_frames if line is not None else None
+        draw_film(named[0], arguments.output, show=arguments.show, progress=progress)
+    for warning in damage(named[0]):
         note(f"fame: {warning}")
 
 

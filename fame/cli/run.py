@@ -14,7 +14,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import BackendNames, Commands, add_json, add_library, command, epoch, natural, positive
+from fame.cli.arguments import (
+    BackendNames,
+    Commands,
+    add_json,
+    add_library,
+    add_show,
+    command,
+    epoch,
+    natural,
+    positive,
+)
 from fame.cli.output import coloured, live_table, note, print_json, progress_line, table, table_within
 from fame.cli.scenarios import add_variations, scenario_of
 from fame.cli.view import add_page, viewed, wait_for_interrupt
@@ -114,7 +124,8 @@ def _add_outputs(parser: ArgumentParser) -> None:
         help="messages in recordings: those of signals (default), or of all topics, sensors and motors included",
     )  # fmt: skip
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the paths of the robots")
-    parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
+    parser.add_argument("--animate", type=Path, metavar="FILE.gif|webp|mp4", help="make a film of the run")
+    add_show(parser)
     parser.add_argument(
         "--view", action="store_true",
         help="show the run in the browser, at --speed (1), and control it there; Ctrl-C ends the run, then its page",
@@ -333,8 +344,8 @@ def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
         require("pymunk")
     for path, endings in ((arguments.picture, (PICTURE,)), (arguments.animate, FILMS)):
         if path is not None:
-            check_film(path, endings)
-            if scenario.world is None:
+            check_film(path, endings, arguments.show)
+            if scenario.world is None and (path == arguments.picture or arguments.show == "world"):
                 raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
 
 
@@ -346,7 +357,8 @@ def _draw(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None)
     title = arguments.scenario.stem.replace("_", " ").capitalize()
     if drawings := _drawings(arguments):
         for recording in recordings:
-            draw_film(recording, *drawings, title=title, progress=line.count_frames if line is not None else None)
+            progress = line.count_frames if line is not None else None
+            draw_film(recording, *drawings, title=title, show=arguments.show, progress=progress)
 
 
 # ---- text ------------------------------------------------------------------------------------------------------------
