@@ -334,12 +334,14 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
     spread(field, Diagram.of(TEAM, purpose="deploy", now=field.time(), key=stranger).to_json())
     spread(field, Diagram.of(TEAM, purpose="deployed", now=field.time(), key=keys[0]).to_json())
     spread(field, Diagram.of(TEAM, purpose="deploy", now=field.time() - 301, key=keys[0]).to_json())
+    spread(field, Diagram.of(TEAM, purpose="deploy", now=splitter.born / 1e9 - 1, key=keys[0]).to_json())
     reasons = [text for text in told if text.startswith("refused")]
     assert [reason.split(":")[1].split(";")[0] for reason in reasons] == [
         " not signed",
         " not signed by a key that this robot trusts (a team of fame run trusts its --key)",
         " the signature belongs to another message",
         " signed 301 s ago",
+        " signed before this splitter began",
     ]
     assert field.engines["A"].running is None
     text = Diagram.of(TEAM, purpose="deploy", now=field.time(), key=keys[0]).to_json()

@@ -67,6 +67,33 @@ def test_who_takes_a_robot_over_has_a_lease_that_is_signed(keys):
         assert bool(field.engines["A"].running.suspension.holder) is suspended
 
 
+def test_the_bytes_of_a_signed_request_do_nothing_when_they_are_sent_again_as_long_as_they_are_fresh(keys):
+    field = Guarded(keys[1], "A", "B")
+    field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
+    engine, out = field.engines["A"], field.person.publisher("/A/bpmn_task", STRING)
+
+    def ask(id: str, **request) -> str:
+        made = TaskRequest(id=id, element="", **request).signed("A", keys[0], born=engine.born, now=NOW)
+        return send(made.to_json())
+
+    def send(text: str) -> str:
+        out.publish(messages.create(STRING, text))
+        field.pass_time(0.01)
+        return text
+
+    ask("suspended", act="suspend")
+    recorded = ask("recorded", act="continue")
+    for number in range(150):
+        ask(f"{number}", act="note", to="on my way")
+    ask("again", act="suspend")
+    send(recorded)
+    assert (field.said[-1].answer, field.said[-1].deployment) == ("continued", "recorded")
+    assert engine.state == "suspended"
+    field.pass_time(2 * FRESH)
+    ask("much later", act="note", to="there")
+    assert len(engine._tasks._answers) < 110
+
+
 def test_a_key_that_is_not_trusted_does_not_count(keys, tmp_path):
     stranger = read_private(new_keys(tmp_path / "stranger")[0])
     field = Guarded(keys[1], "A", "B")

@@ -146,10 +146,13 @@ class Diagram:
 
 
 class DiagramReader:
-    """Reads the diagrams that a splitter receives. With `trusted` keys it takes only what they signed, in order."""
+    """Reads the diagrams that a splitter receives. With `trusted` keys it takes only what they signed, in order.
 
-    def __init__(self, trusted: Sequence[Any]) -> None:
-        self._trusted = trusted
+    What is to be deployed was signed after the splitter was `born` (s since 1970): it may have been recorded before.
+    """
+
+    def __init__(self, trusted: Sequence[Any], born: float = 0.0) -> None:
+        self._trusted, self._born = trusted, born
         self._newest: dict[str, float] = {}  # purpose -> when what was taken last was signed
 
     def read(self, text: str, purpose: str, now: float) -> str:
@@ -164,6 +167,9 @@ class DiagramReader:
             age = now - diagram.issued
             text = f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)"
             raise DeploymentError(text, cause="clock")
+        if purpose == "deploy" and diagram.issued < self._born:
+            text = "signed before this splitter began: it may be a replay; sign it again"
+            raise DeploymentError(text, cause="replay")
         newest = self._newest.get(purpose, 0.0)
         if diagram.issued < newest or (purpose == "deploy" and diagram.issued == newest):
             raise DeploymentError("signed before the last accepted message: it may be a replay", cause="replay")

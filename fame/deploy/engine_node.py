@@ -178,7 +178,13 @@ class EngineNode:
             self._lifecycle = Lifecycle(
                 self.node, {**acts, "shutdown": self._shut_down}, now=lambda: self._time.now, note=self._note
             )
-        self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
+        self._tasks = TaskServer(
+            self.node,
+            lambda: self.running,
+            self.status.publish,
+            self._verify_task,
+            now=lambda: self.scheduler.now / SECOND,
+        )
         self._resume()
         self.status.begin()
 

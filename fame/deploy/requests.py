@@ -5,7 +5,8 @@ sub-process activated, an incident retried, an element skipped, a variable set, 
 taken over and continued. An abort goes to ``bpmn_process``, as a sender's would. The answer is on ``bpmn_status``.
 
 The same request again has no effect but the answer, so a client repeats it until it gets one. Where keys are used
-requests are signed, as an envelope is: for one run of one robot's engine, and for `fame.deploy.signing.FRESH` s.
+requests are signed, as an envelope is: for one run of one robot's engine, and for `fame.deploy.signing.FRESH` s. As
+long the robot remembers each of them: its bytes, sent again by anybody, are answered and not done.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from fame.deploy import fields
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed
 from fame.deploy.machine import unexpected
-from fame.deploy.signing import sign
+from fame.deploy.signing import FRESH, sign
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import Node
@@ -44,7 +45,9 @@ _OF_TOKENS = ("complete", "retry", "skip", "move", "restart", "fail")
 STILL_HELD = "no longer suspended"
 """The answer to ``continue`` if something else holds the robot: its mission does not go on."""
 _ANSWERS = 100
-"""How many answers a robot remembers."""
+"""How many answers to requests that were not signed a robot remembers."""
+_REPLAYED = 2 * FRESH
+"""How long a signed request could be repeated (s): it may have been signed by a clock that is ahead by `FRESH`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +108,7 @@ class TaskServer:
     and the cause of a refusal by keyword).
 
     `check` raises DeploymentError for a request that is not from somebody who is trusted, and returns the fingerprint
-    of the key that signed it, if it was signed.
+    of the key that signed it, if it was signed. `now` gives s of a clock that is never set.
     """
 
     def __init__(
@@ -114,9 +117,12 @@ class TaskServer:
         running: Callable[[], RobotNode | None],
         report: Callable[..., object],
         check: Callable[[TaskRequest], str] = lambda request: "",
+        *,
+        now: Callable[[], float],
     ) -> None:
-        self._running, self._report, self._check = running, report, check
+        self._running, self._report, self._check, self._now = running, report, check, now
         self._answers: dict[str, tuple[str, str]] = {}
+        self._kept: dict[str, float] = {}  # id of each request with an answer, the oldest first -> until when it stays
         self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
         self._end.max_size = SIZE
         self._end.on_dropped = lambda warning: report("refused", "", str(warning), cause=warning.kind)
@@ -138,10 +144,16 @@ class TaskServer:
             return
         if request.id not in self._answers:
             self._answers[request.id] = self._act(request, signer)
-            if len(self._answers) > _ANSWERS:
-                del self._answers[next(iter(self._answers))]
+        self._keep(request.id, signed=bool(signer))
         answer, reason = self._answers[request.id]
         self._report(answer, request.id, reason)
+
+    def _keep(self, id: str, *, signed: bool) -> None:
+        """Keep an answer as long as the request may be repeated, and forget others."""
+        now, until = self._now(), self._kept.get(id, 0.0)
+        self._kept[id] = max(until, now + _REPLAYED) if signed else until
+        for old in [one for one, until in self._kept.items() if until <= now][:-_ANSWERS]:
+            del self._kept[old], self._answers[old]
 
     def _act(self, request: TaskRequest, signer: str) -> tuple[str, str]:
         node = self._running()

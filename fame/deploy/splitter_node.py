@@ -70,7 +70,7 @@ class SplitterNode:
         self._log = log
         self.born: int = round(options.wall_time() * SECOND)
         self._sender = Sender(f"splitter-{self.born}", scheduler, middleware, options)
-        self._trusted, self._diagrams = trusted, DiagramReader(trusted)
+        self._trusted, self._diagrams = trusted, DiagramReader(trusted, self.born / SECOND)
         election = ElectionState(self.born, beaten=scheduler.now)
         self._election: ProtocolMachine[ElectionState, ElectionEvent, ElectionAction] = ProtocolMachine(
             election, step, self._perform
