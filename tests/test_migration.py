@@ -292,6 +292,23 @@ def test_if_one_robot_cannot_go_over_none_does_and_all_go_on() -> None:
     assert field.engines["B"].running.instances[0].waiting == ["ub2"]
 
 
+def test_a_state_that_fits_no_more_at_the_start_is_said_to_start_from_the_beginning() -> None:
+    field = Field("A", "B")
+    field.deploy(team("ua"))
+    sent = made(field, team("ua").replace("ua2", "uz2"), "d2", 2, migrate=True)
+    for robot, envelope in sent.envelopes.items():
+        field.send(robot, envelope.to_json())
+    field.pass_time(1)
+    field.engines["A"].running.complete("ua")  # nothing but a bug could do so: requests are refused now
+    field.engines["A"].running.engine.release()
+    for robot in "AB":
+        field.send(robot, sent._envelope(robot, "start").to_json())
+    field.pass_time(1)
+    said = {report.robot: report.reason for report in field.said if report.answer == "started"}
+    assert said["A"].startswith("starts from the beginning: pa: the state does not fit the new model: ua2")
+    assert said["B"] == ""
+
+
 def test_without_migrate_a_new_model_starts_from_the_beginning() -> None:
     field = Field("A", "B")
     field.deploy(team("ua"))

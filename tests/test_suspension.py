@@ -232,6 +232,36 @@ def test_what_was_held_for_a_deployment_when_the_engine_ended_is_done_once(field
     assert (field.engine.deployed, field.engine.running.engine.held, n(field)) == ("d1", None, before + 5)
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"act": "move", "element": "drive", "to": "first"},
+        {"act": "set", "values": {"n": 100}},
+        {"act": "retry", "element": "drive"},
+        {"act": "skip", "element": "go"},
+        {"act": "restart", "element": "go"},
+        {"act": "complete", "element": "u"},
+    ],
+    ids=lambda asked: asked["act"],
+)
+def test_between_its_promise_and_the_start_nobody_changes_what_a_robot_runs(field: Durable, asked: Any) -> None:
+    told(field, "d2", 2, DRIVE, "load", migrate=True)
+    field.pass_time(1)
+    assert field.engine.state == "ready"
+    assert ask(field, **asked).reason.startswith(
+        "a deployment is under way, which it has promised to start; fame abort"
+    )
+    field.crash()  # the promise is on the disk
+    field.start()
+    field.pass_time(2)
+    assert "which it has promised to start" in ask(field, **asked).reason
+    before = n(field)
+    assert ask(field, "suspend").answer == "suspended"
+    told(field, "d2", 2, "", "start")
+    field.pass_time(1)
+    assert (field.engine.deployed, n(field), waiting(field)) == ("d2", before, ["drive"])
+
+
 # ---- goals that still run ------------------------------------------------------------------------------------------
 
 GOAL = definitions(

@@ -125,6 +125,7 @@ class EngineNode:
         self._loaded: RobotNode | None = None  # on its way to be a candidate
         self._foreseen = "", Foreseen()  # deployment, and what would become of what runs
         self._before = ""  # the hash of the model that runs
+        self._anew = ""  # why a candidate did not take over what ran
         self._keeper: StateKeeper | None = None
         if options.state is not None:
             self._keeper = StateKeeper(options.state, robot, scheduler, self._on_disk_trouble, options.wall_time)
@@ -320,6 +321,8 @@ class EngineNode:
         signer = self._verifier.verify_task(request)
         if request.act == "take_over" and self._protocol.state.candidate is not None:
             raise DeploymentError("a deployment is under way: nobody takes the robot over", cause="deployment")
+        if request.act not in ("suspend", "note"):  # whoever stops a robot may do so at any time
+            self._refuse_promised()
         if request.act in ("continue", "fail") and not self._is_active:
             raise DeploymentError(f"it {self._asleep}: activate it", cause="lifecycle")
         return signer
@@ -353,10 +356,13 @@ class EngineNode:
             self._perform(Promise())
 
     def _refuse_promised(self) -> None:
-        """Raise DeploymentError while a deployment is decided."""
-        candidate = self._protocol.state.candidate
-        if candidate is not None and candidate.has_promised:
-            raise DeploymentError("a deployment is under way, which it has promised to start")
+        """Raise DeploymentError while a deployment is decided: what runs fits the new process as it is."""
+        state = self._protocol.state
+        candidate = state.candidate
+        waits = candidate is not None and candidate.envelope.migrate and candidate.stage == "promising"
+        if state.promises or waits or (candidate is not None and candidate.has_promised):
+            text = f"a deployment is under way, which it has promised to start; fame abort {self.robot} ends that"
+            raise DeploymentError(text, cause="deployment")
 
     def _shut_down(self) -> None:
         """End what runs, in the safe state. Raises DeploymentError."""
@@ -444,7 +450,7 @@ class EngineNode:
 
     def _run(self, candidate: LoadedCandidate) -> None:
         """Start the candidate's process, or let it take over the state of what runs, when that is on the disk."""
-        before, self._before = self._before, candidate.envelope.hash
+        before, self._before, self._anew = self._before, candidate.envelope.hash, ""
         migrates = self._migrates(candidate)
         go_on, timers = self._take_over(candidate, before) if migrates else (candidate.process.start, None)
         if self.running is not None and self.running.acknowledged is not None and not migrates:
@@ -471,7 +477,7 @@ class EngineNode:
             self._on_warning(f"deployed model {envelope.hash[:12]} by {self._verifier.sender(envelope)}")
         go_on()
         self._suspend_inactive(self.running)
-        self._protocol.handle(Started())
+        self._protocol.handle(Started(self._anew))
 
     def _migrates(self, candidate: LoadedCandidate) -> bool:
         """Whether what runs goes over to a candidate."""
@@ -510,7 +516,7 @@ class EngineNode:
         try:
             return migrate_robot(candidate.process, self.running, envelope.plan, text)
         except Exception as error:  # as somebody has moved a token since it was found to fit: others have started
-            self._note(f"starts from the beginning: {error}")
+            self._anew = f"starts from the beginning: {error}"
             return candidate.process.start, None
 
     def _loading(self, envelope: Envelope) -> LoadingTask[RobotNode]:

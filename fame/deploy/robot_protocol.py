@@ -109,8 +109,8 @@ def step(state: RobotDeployment, event: RobotEvent) -> tuple[RobotDeployment, tu
             move.decide(event)
         case Replaced():
             move.replaced()
-        case Started():
-            move.started()
+        case Started(reason):
+            move.started(reason)
         case Stopped():
             move.stop()
     return move.state, tuple(move.actions)
@@ -421,13 +421,14 @@ class _Transition:
             self._do(RunCandidate())
             self._load_next()
 
-    def started(self) -> None:
+    def started(self, reason: str) -> None:
         candidate = self.state.candidate
         if candidate is None or candidate.stage != "starting":
             return
         envelope, promises = candidate.envelope, self.state.promises
         self.state = replace(self.state, candidate=None, running=replace(envelope, model=""), promises=())
-        reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
+        if envelope.again:
+            reason = "it had this process before, and takes it up again from the start"
         if reason:
             self._do(Observe(reason))
         self._answer("started", envelope.deployment, reason)

@@ -177,7 +177,9 @@ class Replaced:
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """The candidate's process runs, and that is on the disk (after `RunCandidate`)."""
+    """The candidate's process runs, and that is on the disk (after `RunCandidate`). `reason`: why not as it was to."""
+
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
