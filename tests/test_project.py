@@ -129,6 +129,20 @@ def test_an_example_is_copied_with_all_that_it_needs(example: Path, folder: Path
     assert code == 0, shown
 
 
+@pytest.mark.parametrize("words", ["--from shuttle taxi", "taxi --from shuttle", "--from example shuttle taxi"])
+def test_the_name_of_a_project_comes_before_or_after_its_example(words: str, folder: Path) -> None:
+    assert main(["new", *words.split()]) == 0
+    assert (folder / "taxi" / "examples" / "shuttle.yaml").is_file()
+
+
+def test_a_project_that_learns_installs_what_it_learns_with(folder: Path) -> None:
+    for example, extras in (("sabotage", "[sim,ml,test]"), ("reassembly", "[sim,ml,test]"), ("shuttle", "[sim,test]")):
+        assert main(["new", "--from", example]) == 0
+        assert f".whl){extras}" in (folder / example / ".github" / "workflows" / "mission.yml").read_text().replace(
+            '"', ""
+        )
+
+
 # ---- fame.yaml -------------------------------------------------------------------------------------------------------
 
 
@@ -274,8 +288,8 @@ REQUESTS = {
     "a folder with files": ("new full", "full: expected a new or an empty folder: this one has files"),
     "a file": ("new plain", "plain: expected the name of a new folder: there is a file of this name"),
     "no such example": ("new --from example warehose", "there is no example 'warehose'; did you mean 'warehouse'?"),
-    "no such kind": ("new --from exampel warehouse", "got 'exampel'; did you mean 'example'?"),
-    "two examples": ("new --from warehouse shuttle", "as in --from example warehouse, got 'warehouse'; "),
+    "no such kind": ("new --from exampel warehouse", "there is no example 'exampel'; "),
+    "two examples": ("new --from warehouse shuttle depot", "as in --from example warehouse, got 'warehouse'; "),
     "run outside of a project": ("run", "expected SCENARIO.yaml|MODEL.bpmn, or a project here or above (fame.yaml; "),
     "check outside of a project": ("check", "expected FILE, or a project here or above"),
     "the project as a scenario": ("run --no-project plain.yaml", "plain.yaml: is a project, which is for fame run"),

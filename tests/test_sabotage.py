@@ -9,7 +9,7 @@ from fame.errors import ConfigError
 from fame.scenario import Result, Scenario
 
 ROOT = Path(__file__).parent.parent
-FILES = ("models/sabotage.bpmn", "examples/sabotage.yaml", "examples/sabotage_learn.yaml", "robots/arm/mh5.yaml")
+FILES = ("models/sabotage.bpmn", "examples/sabotage.yaml", "examples/sabotage_learn.yaml")
 
 
 @pytest.fixture(scope="module")

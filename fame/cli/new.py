@@ -25,13 +25,13 @@ DEMO = "ground_vehicles"
 def add_new(commands: Commands) -> None:
     parser = command(
         commands, "new", run_new, help="write a project: a mission of two robots, its world, tests, and fame.yaml",
-        examples=("fame new hospital", "fame new --from example warehouse", "fame new dock --from timeout_and_retry"),
+        examples=("fame new hospital", "fame new --from warehouse depot", "fame new dock --from timeout_and_retry"),
     )  # fmt: skip
     parser.add_argument("name", nargs="?", metavar="NAME", help="name of the project, and of its new folder")
     parser.add_argument(
         "--from", dest="source", nargs="+", metavar="NAME",
         help="copy an example of FAME, or a pattern of its cookbook, with models and tests, instead; "
-        "the word example or cookbook may come before the name",
+        "the word example or cookbook may come before the name, and the name of the project after it",
     )  # fmt: skip
     add_json(parser)
 
@@ -45,11 +45,16 @@ def add_demo(commands: Commands) -> None:
 
 def run_new(arguments: Namespace) -> int:
     """Write the project and say what to do next."""
-    *kind, example = arguments.source or ("",)
-    if kind not in ([], ["example"], ["cookbook"]):
-        known = suggestion(kind[0], ["example", "cookbook"])
-        raise ConfigError(f"--from: expected a name, as in --from example warehouse, got {kind[0]!r}; {known}")
-    name = arguments.name or example
+    source, name = list(arguments.source or ("",)), arguments.name
+    if source[0] in ("example", "cookbook") and len(source) > 1:
+        del source[0]
+    if name is None and len(source) == 2:  # fame new --from warehouse depot
+        name = source.pop()
+    if len(source) > 1:
+        known = suggestion(source[0], ["example", "cookbook"])
+        raise ConfigError(f"--from: expected a name, as in --from example warehouse, got {source[0]!r}; {known}")
+    (example,) = source
+    name = name or example
     if not name:
         raise ConfigError("expected a name for the project, as in fame new hospital")
     outer = None if arguments.no_project else project.find(Path.cwd())
@@ -134,7 +139,11 @@ def _fill(made: Path, name: str, example: str, home: Path) -> None:
         shutil.copytree(patterns[example], made, dirs_exist_ok=True, ignore=_MADE)
         text = text if (made / "mission.yaml").is_file() else text.replace("[mission.yaml]", "[mission.bpmn]")
     elif example:
-        for path in sorted(_needed(home / f"{example}.yaml")):
+        needed = sorted(_needed(home / f"{example}.yaml"))
+        if any(path.suffix == ".skops" or "\nClassifiers:" in path.read_text("utf-8") for path in needed):
+            workflow = made / ".github" / "workflows" / "mission.yml"
+            workflow.write_text(workflow.read_text("utf-8").replace("[sim,test]", "[sim,ml,test]"), "utf-8")
+        for path in needed:
             target = made / path.relative_to(home.parent)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)

@@ -10,6 +10,7 @@ import inspect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import product
 from math import inf
 from os.path import isfile
@@ -38,6 +39,16 @@ _MODULES = {
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 
+def _chain_file(named: str, folder: Path) -> Path:
+    """The file of an arm's kinematics: beside the configuration, or data of a package (``robots.arm:mh5.yaml``)."""
+    package, colon, file = named.partition(":")
+    top, *parts = package.split(".")
+    spec = find_spec(top) if colon and top.isidentifier() else None  # which imports nothing
+    if spec is not None and spec.submodule_search_locations:
+        return Path(spec.submodule_search_locations[0], *parts, file)
+    return folder / named
+
+
 def make(candidate: CandidateClassifier, folder: Path, scaling: str = "minmax") -> PathDetector | PointClassifier:
     """Make the detector of a candidate, with a `scaling` if it has none. Raises ConfigError for a wrong one."""
     if candidate.cls == "PathDetector":
@@ -49,9 +60,10 @@ def make(candidate: CandidateClassifier, folder: Path, scaling: str = "minmax") 
         if type(margin) not in (int, float) or not 0 < margin < inf:
             raise candidate.error("parameters.margin", f"expected a number above 0, got {margin!r}")
         if not isinstance(chain, dict):
-            chain = folder / str(chain)
+            named, chain = str(chain), _chain_file(str(chain), folder)
             if not isfile(chain):
-                raise candidate.error("parameters.chain", f"expected a file, got {str(chain)!r}")
+                text = f"expected a file, or package:file as in robots.arm:mh5.yaml, got {named!r}"
+                raise candidate.error("parameters.chain", text)
         return PathDetector(load_chain(chain), margin, _build(PathParameters, candidate, parameters))
     module = _HOMES.get(candidate.cls.rpartition(".")[2])
     if module is None:
