@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from unicodedata import combining, normalize
@@ -114,13 +114,31 @@ def unreadable(error: OSError) -> str:
 
 
 @contextmanager
-def writing(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Make the folder of a file that the block writes. Raises ConfigError, with the name of the file, for OSError."""
+def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield the name of a file beside another one, whose place it takes if the block ends without an error: nobody sees
+    a part of it, and what was there stays until then. Folders are made. A device is written itself.
+
+    Raises ConfigError, with the name of the file, for OSError.
+    """
+    whole = Path(os.path.realpath(path))  # a link stays one
+    part = whole if whole.exists() and not whole.is_file() else whole.with_name(f".part.{whole.name}")
     try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        yield
+        whole.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        if part != whole and part.exists():
+            part.replace(whole)
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror or error}", file=str(path)) from None
+    finally:
+        if part != whole:
+            with suppress(OSError):  # its folder is none
+                part.unlink(missing_ok=True)
+
+
+def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a whole file, as `writing` does."""
+    with writing(path) as part:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def similar_file(path: str | os.PathLike[str]) -> str:

@@ -105,8 +105,8 @@ def write_film(
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
     """Write `count` images of one size as a film. `progress` is called as by `animate`."""
-    with writing(path):
-        WRITERS[Path(path).suffix.lower()](_counted(frames, count, progress), str(path), fps)
+    with writing(path) as part:
+        WRITERS[part.suffix.lower()](_counted(frames, count, progress), str(part), fps)
 
 
 def picture(record: WorldRecord, path: str | PathLike[str], *, labels: Iterable[Caption] = (), title: str = "") -> None:
@@ -114,8 +114,8 @@ def picture(record: WorldRecord, path: str | PathLike[str], *, labels: Iterable[
     _check(record, path)
     times = frame_times(record.times[-1], record.times[-1] or 1.0)
     *_, last = _frames(record, _Captions(record, labels), times, title)
-    with writing(path):
-        last.save(path)
+    with writing(path) as part:
+        last.save(part)
 
 
 def _check(record: WorldRecord, path: str | PathLike[str]) -> None:

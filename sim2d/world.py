@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.config.values import Point
-from fame.errors import ConfigError
+from fame.errors import ConfigError, MissionError
 from fame.imports import require
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, Middleware
@@ -184,6 +184,9 @@ class World:
         for robot in self.robots.values():
             robot.move(begin, self.step)
         self.space.step(self.step)
+        for robot in self.robots.values():
+            if not math.isfinite(sum(robot.pose)):
+                raise MissionError(f"its simulation has failed: it is at {robot.pose}", robot=robot.name)
         self.steps += 1
         self._sense()
 

@@ -17,10 +17,12 @@ from recorded_runs import record
 from fame.bpmn import read
 from fame.cli import main
 from fame.clock import SECOND
+from fame.errors import ConfigError
 from fame.log import logging_to
 from fame.log.elements import element_info
 from fame.log.reading import rows_of
 from fame.log.recording import Recording
+from fame.log.recording_file import RecordingFile
 from fame.log.xes import xes
 from fame.properties.files import read_properties
 from fame.robot import changes
@@ -364,6 +366,29 @@ def test_an_event_log_is_judged_with_what_called_processes_throw(
     assert {one["property"]: one["verdict"] for one in found} == {
         "found_first": "holds", "answer": "holds", "apart": "not known",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["convert", "run.mcap", "--object", "no_such=Thing", "-o", "old.ocel.json"],
+        ["merge", "run.mcap", "-o", "old.mcap"],
+    ],
+)
+def test_what_is_refused_or_fails_leaves_the_file_that_was_there(
+    words: list[str], run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: object) -> None:
+        raise ConfigError("no space")
+
+    monkeypatch.chdir(run)
+    monkeypatch.setattr(RecordingFile, "finish", fail)
+    Path(words[-1]).write_text("old")
+    assert main(["log", *words]) == 2
+    assert Path(words[-1]).read_text() == "old"
+    Path(words[-1]).unlink()
+    assert main(["log", *words]) == 2
+    assert [path.name for path in run.iterdir() if "old" in path.name] == []
 
 
 def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -163,6 +163,25 @@ def test_samples_out_of_order_and_twice_are_left_out_and_reported(bench: Bench) 
     assert bench.said == ["unit: /joint_states: left out: a sample 0.05 s older of stamp 0.150 s after 0.200 s"]
 
 
+def test_no_window_spans_what_a_clock_that_jumps_back_hides(bench: Bench) -> None:
+    bench.node()
+    heard = bench.hear("filtered")
+    for stamp in (0.1, 0.2, 0.3, 0.4, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+        bench.say(stamp, 1.0, 1000 * stamp)
+    bench.run(0.1)
+    assert stamps(heard) == [0.1, 0.2, 0.3, 0.4, 0.8, 0.9]  # as long a gap as that in the motion
+    assert bench.said[-1] == "unit: /joint_states: left out: the clock jumped back by 0.3 s, and no window spans that"
+
+
+def test_messages_that_come_late_leave_no_gap(bench: Bench) -> None:
+    bench.node()
+    heard = bench.hear("filtered")
+    for stamp in (0.1, 0.2, 0.4, 0.3, 0.35, 0.5):
+        bench.say(stamp, 1.0, 2.0)
+    bench.run(0.1)
+    assert stamps(heard) == [0.1, 0.2, 0.4, 0.5]
+
+
 def test_a_late_message_is_reported(bench: Bench) -> None:
     bench.node()
     bench.move(0.1)

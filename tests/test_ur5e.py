@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from grounds import Ground
 
+from fame.errors import MissionError
 from robots.arm.bench import LID, MOTOR
 from robots.arm.dynamics import GRAVITY, HOME, UR5E, friction, inertia_matrices, inverse_dynamics
 from robots.arm.kinematics import forward, sampled, straight
@@ -136,6 +137,28 @@ def test_somebody_at_joint_0_is_felt_there_and_hardly_in_the_wrist():
     added = np.abs(run.efforts).max(axis=0) - np.abs(free.efforts).max(axis=0)
     assert 10 < added[0] < 40
     assert np.abs(added[3:]).max() < 0.5
+
+
+def pushed(rate: float, seconds: float = 3.0) -> np.ndarray:
+    """The positions (cycles, joints) of an arm at rest that somebody pushes at joint 0."""
+    arm = ControlledArm(UR5E, HOME, 1 / rate, generators(5), replace(TYPICAL, encoders=False))
+    arm.obstruct_shoulder()
+    return np.array([arm.step().positions for _ in range(round(seconds * rate))])
+
+
+def test_a_push_deflects_the_arm_alike_at_every_rate():
+    fine, coarse = pushed(500.0), pushed(20.0)
+    deflected = np.abs(fine - HOME).max(axis=0)
+    assert 0.001 < deflected[0] < 0.1
+    assert np.allclose(fine[::25], coarse, rtol=0, atol=1e-9)
+
+
+def test_an_arm_that_leaves_its_reference_is_no_longer_simulated():
+    arm = ControlledArm(UR5E, HOME, 0.002, generators(5))
+    arm.obstruct_shoulder()
+    arm._rate[0] = np.nan
+    with pytest.raises(MissionError, match="the simulation of the arm has failed"):
+        arm.step()
 
 
 def test_pressed_on_lightly_the_lid_lies_on_the_motor_again():

@@ -12,7 +12,7 @@ import pytest
 from grounds import Ground, ground
 
 from fame.config.values import ConfigValue
-from fame.errors import ConfigError
+from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from sim2d.config import read_world, world_config
 from sim2d.ground import Circle, Polygon, convex
@@ -319,6 +319,14 @@ def outcome(seed: int) -> tuple[int, str]:
     g.run(10)
     text = repr([[messages.to_mapping(message) for message in topic] for topic in heard]) + repr(g.world.collisions)
     return len(g.world.collisions), hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_no_robot_is_anywhere_that_is_not_finite():
+    g = ground()
+    g.run(1)
+    g.world.robots["REX"].body.velocity = (math.nan, 0.0)
+    with pytest.raises(MissionError, match="REX: its simulation has failed: it is at Pose"):
+        g.run(2)
 
 
 def test_the_same_seed_gives_the_same_bytes_in_another_process():

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Parser, natural, positive
 from fame.cli.output import coloured, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, FameError
-from fame.text import writing
+from fame.text import write_file
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration, Finding
@@ -177,8 +177,7 @@ def _report(
         faults=arguments.faults,
         coverage=coverage,
     )
-    with writing(arguments.report):
-        arguments.report.write_text(text, encoding="utf-8")
+    write_file(arguments.report, text)
 
 
 def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:

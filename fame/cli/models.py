@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from fame.cli.arguments import Commands, add_json, add_library, add_show, command
 from fame.cli.output import note, print_json, progress_line
 from fame.errors import ConfigError
+from fame.text import write_file
 
 if TYPE_CHECKING:
     from fame.check.library import Behaviour
@@ -52,7 +53,7 @@ def _write(arguments: Namespace, files: Mapping[str, tuple[str, bytes]]) -> int:
     arguments.output.mkdir(parents=True, exist_ok=True)
     paths = {name: arguments.output / file for name, (file, _) in files.items()}
     for name, path in paths.items():
-        path.write_bytes(files[name][1])
+        write_file(path, files[name][1])
     if arguments.json:
         print_json({"status": "completed", "files": {name: str(path) for name, path in paths.items()}})
     else:
@@ -88,8 +89,7 @@ def run_convert(arguments: Namespace) -> int:
     definitions = read(arguments.model)
     source = convert(definitions, semantics=arguments.semantics)
     read_bytes(source, file=str(arguments.output))
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_bytes(source)
+    write_file(arguments.output, source)
     if arguments.json:
         changed = source != definitions.source
         print_json({"status": "completed", "file": str(arguments.output), "changed": changed})
@@ -194,8 +194,7 @@ def _draw_model(arguments: Namespace) -> None:
         raise ConfigError("--robot needs --log")
     else:
         drawing = draw(definitions)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(drawing, encoding="utf-8")
+    write_file(output, drawing)
 
 
 _WORDS = {"subscribe": "subscribes", "publish": "publishes", "call": "service"}

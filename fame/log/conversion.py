@@ -24,7 +24,7 @@ from fame.log.ocel import ObjectVariables, write_ocel
 from fame.log.recording import ModelRun, RecordedMessage, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import KeyWriter, TeamState, shift_times
-from fame.log.writing import RECORDING, logging_to, new_file
+from fame.log.writing import RECORDING, logging_to, replaced
 from fame.robot.events import Event
 from fame.robot.robot_state import COUNTED
 from fame.text import suggestion
@@ -87,8 +87,8 @@ def convert(
         models = models_of(recording)
         mission = MissionLevel(recording, models) if (level or ("mission" if ocel else "all")) == "mission" else None
         if ocel:
-            with new_file(target) as begin:
-                write_ocel(recording, models, mission, named, begin())
+            with replaced(target) as part, part.open("wb") as stream:
+                write_ocel(recording, models, mission, named, stream)
         else:
             _write_events(recording, models, target, _chosen(recording, robots), mission, on_progress)
         return list(recording.warnings)
@@ -121,7 +121,7 @@ def _write_events(
     on_progress: OnProgress,
 ) -> None:
     """Write the log that the run would have written itself."""
-    with logging_to(target, models) as log:
+    with replaced(target) as part, logging_to(part, models) as log:
         epoch = parse_datetime(recording.metadata.get("epoch", "1970-01-01T00:00:00Z"))
         if epoch != EPOCH:
             log(Event(0, "", 0, 0, "", "epoch", date_text(epoch)))
@@ -172,7 +172,8 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(source)) for source in sources]
         merging = _Merging(recordings)
-        file = RecordingFile(stack.enter_context(new_file(Path(target)))())
+        part = stack.enter_context(replaced(Path(target)))
+        file = RecordingFile(stack.enter_context(part.open("wb")))
         file.describe(
             {
                 "epoch": date_text(merging.epoch),

@@ -19,7 +19,7 @@ from fame.log.lines import jsonl, table
 from fame.log.recorder import About, LogTopics, Recorder, recording_to
 from fame.log.recording_file import RecordingFile
 from fame.robot.events import Event, Observer
-from fame.text import wrong_ending
+from fame.text import writing, wrong_ending
 
 _BUFFER = 1 << 16
 """Bytes written at a time."""
@@ -108,6 +108,23 @@ def new_file(path: Path) -> Iterator[Callable[[], BinaryIO]]:
         finally:
             if is_new and not streams:
                 path.unlink(missing_ok=True)
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """Yield the name of a file that takes the place of `path` if the block ends without an error (`fame.text.writing`).
+
+    `path` is locked meanwhile. Raises ConfigError as `logging_to`.
+    """
+    is_new = not path.exists()
+    with _opened(path):
+        try:
+            with writing(path) as part:
+                yield part
+        except BaseException:
+            if is_new:
+                path.unlink(missing_ok=True)
+            raise
 
 
 class _Log(Observer):

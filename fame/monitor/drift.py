@@ -23,6 +23,7 @@ from fame.monitor.arrays import Floats
 from fame.monitor.calibration import LEAST, Calibration
 from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, stacked
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.text import write_file
 
 SLACK, LIMIT, MOST = 0.5, 5.0, 2.5
 
@@ -58,10 +59,7 @@ class DriftMonitor:
 
     def save(self, path: Path) -> None:
         """Store the sums, to continue in another process."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        whole = path.with_name(f".{path.name}.part")
-        whole.write_text(json.dumps({"names": self.names, "sums": self.sums.tolist(), "runs": self.runs}) + "\n")
-        whole.replace(path)
+        write_file(path, json.dumps({"names": self.names, "sums": self.sums.tolist(), "runs": self.runs}) + "\n")
 
     def restore(self, path: Path) -> None:
         """Continue from what `save` stored, if the file exists. Raises ConfigError if it is of other channels."""

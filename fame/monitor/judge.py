@@ -21,6 +21,7 @@ from fame.errors import NOT_KNOWN, ConfigError
 from fame.intervals import interval
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.copies import RUN_HASHES, run_hash
+from fame.text import writing
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -250,15 +251,12 @@ def shown(value: Any) -> str:
 def write_scores(judgement: JudgedRuns, path: Path) -> None:
     """Write a row per loss: file, run, time (s from the start of the run), and of each channel the loss divided by its
     threshold, above 1 in an alarm. Raises ConfigError for a file that cannot be written."""
-    try:
-        with path.open("w", encoding="utf-8", newline="") as stream:
-            rows = csv.writer(stream, lineterminator="\n")
-            rows.writerow(("file", "run", "time", *(judgement.runs[0].channels if judgement.runs else ())))
-            for run in judgement.runs:
-                for stamp, ratios in zip(run.stamps.tolist(), run.ratios, strict=True):
-                    rows.writerow((run.file, run.number, f"{stamp:.9g}", *(f"{ratio:.6g}" for ratio in ratios)))
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+    with writing(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        rows = csv.writer(stream, lineterminator="\n")
+        rows.writerow(("file", "run", "time", *(judgement.runs[0].channels if judgement.runs else ())))
+        for run in judgement.runs:
+            for stamp, ratios in zip(run.stamps.tolist(), run.ratios, strict=True):
+                rows.writerow((run.file, run.number, f"{stamp:.9g}", *(f"{ratio:.6g}" for ratio in ratios)))
 
 
 # ---- curves ----------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.judge import RESAMPLINGS, TELLING, Event, JudgedRun, JudgedRuns, shown
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
-from fame.text import writing
+from fame.text import write_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,8 +72,7 @@ def _write_page(title: str, parts: Sequence[str], path: str | Path) -> None:
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style><body>{''.join(parts)}</body></html>\n"
     )
-    with writing(path):
-        Path(path).write_text(text, encoding="utf-8")
+    write_file(path, text)
 
 
 def _promise(card: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from fame.errors import FameError
 from fame.intervals import interval
 from fame.monitor.calibration import FAR, measured_alarms
+from fame.text import write_file
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -177,6 +178,6 @@ def write_card(model: TrainedModel | Model, path: str | Path) -> tuple[Path, Pat
     """Write the card of a model beside its file, as Markdown and JSON; return both paths."""
     path, card = Path(path), card_of(model)
     markdown, data = (path.with_name(f"{path.stem}.card{ending}") for ending in (".md", ".json"))
-    markdown.write_text(to_markdown(card, path.name), encoding="utf-8")
-    data.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+    write_file(markdown, to_markdown(card, path.name))
+    write_file(data, json.dumps(card, indent=2) + "\n")
     return markdown, data

@@ -29,7 +29,7 @@ from fame.monitor.anomaly.recording import ANOMALOUS, Recording
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.processor import Samples
-from fame.text import writing
+from fame.text import write_file, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -197,8 +197,8 @@ def _figure(inches: tuple[float, float]) -> Figure:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    with writing(path):
-        figure.savefig(path, format="png")
+    with writing(path) as part:
+        figure.savefig(part, format="png")
 
 
 _WIDTH, _HEIGHT, _ACROSS, _DOWN, _MARGIN = 190, 46, 70, 18, 20
@@ -232,8 +232,7 @@ def draw(configurations: Sequence[Configuration], file: str | Path) -> None:
     boxes, edges = _graph(configurations)
     _place(boxes, edges)
     path = Path(file)
-    with writing(path):
-        path.write_text(_svg(boxes, edges), encoding="utf-8")
+    write_file(path, _svg(boxes, edges))
 
 
 def _graph(configurations: Sequence[Configuration]) -> tuple[dict[str, _Box], list[tuple[str, str]]]:

@@ -25,7 +25,7 @@ import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
 from fame.monitor.arrays import Floats, Whole
-from fame.text import similar_file
+from fame.text import similar_file, writing
 from fame.version import current as fame_version
 
 _INFLATION, _SLACK = 10, 10_000_000
@@ -51,15 +51,12 @@ def versions() -> dict[str, str]:
 def write_artefact(content: Any, path: str | Path) -> None:
     """Store plain data and estimators of scikit-learn, as a whole file or not at all; the same content gives the same
     file. Raises ConfigError for what `read_artefact` would refuse."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     data = io.BytesIO(_skops().dumps(content))
     if unknown := _unknown(data):
         text = f"is not stored: {', '.join(unknown)} could not be read back as data; choose another classifier"
         raise ConfigError(text, file=str(path))
-    whole = path.with_name(f".{path.name}.part")
-    _write_settled(data, whole)
-    whole.replace(path)
+    with writing(path) as part:
+        _write_settled(data, part)
 
 
 def _write_settled(data: io.BytesIO, path: Path) -> None:

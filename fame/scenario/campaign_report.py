@@ -22,6 +22,7 @@ from fame.scenario.property_statistics import (
     statistics as statistics_of_properties,
 )
 from fame.scenario.variation import is_number
+from fame.text import write_file, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -220,7 +221,7 @@ def write_reports(rows: Sequence[CampaignRow], folder: Path, scenario: str, *, p
         ]
         pandas.DataFrame(texts, columns=columns).to_parquet(table)
     else:
-        with table.open("w", newline="", encoding="utf-8") as file:
+        with writing(table) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, columns)
             writer.writeheader()
             writer.writerows(flat)
@@ -231,7 +232,7 @@ def write_reports(rows: Sequence[CampaignRow], folder: Path, scenario: str, *, p
         **{f"{name}.svg": plot for name, plot in _plots(found, rows).items()},
     }
     for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_file(folder / name, text)
     return [table, *(folder / name for name in files)]
 
 

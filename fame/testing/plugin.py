@@ -177,6 +177,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 def _write_reports(config: pytest.Config, coverage: Coverage) -> None:
     from fame.testing.coverage import html_report, json_report, junit_report
+    from fame.text import write_file
 
     forms: dict[str, Callable[[], str]] = {
         "html": lambda: html_report(coverage),
@@ -186,8 +187,7 @@ def _write_reports(config: pytest.Config, coverage: Coverage) -> None:
     for form, text in forms.items():
         path = config.getoption(f"cov_model_{form}")
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text(), encoding="utf-8")
+            write_file(path, text())
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

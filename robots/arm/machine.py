@@ -2,8 +2,9 @@
 
 Computed torque makes the deviation e from the reference obey M (e'' + 2 w e' + w^2 e) = external forces, with each
 joint critically damped; without external forces e is 0, and the efforts are the inverse dynamics of the reference.
-While a force acts, the equation is integrated at the control rate (semi-implicit Euler) with inertia, Jacobian and
-gravity of the reference, because deviations stay below a few mm. The effort is that of the motors: inverse dynamics,
+While a force acts, the equation is integrated at the control rate, or `FINEST` if that is faster (semi-implicit Euler;
+slower it would not be stable), with inertia, Jacobian and gravity of the reference, because deviations stay below a few
+mm. The effort is that of the motors: inverse dynamics,
 the controller's correction M (-2 w e' - w^2 e), friction, and the errors of its measurement. `RunVariation` says what
 differs from run to run and from cycle to cycle.
 """
@@ -19,12 +20,17 @@ import numpy as np
 
 from fame.clock import SECOND
 from fame.config.values import parameter
+from fame.errors import MissionError
 from fame.monitor.arrays import Floats
 from robots.arm.bench import Bench, Push
 from robots.arm.dynamics import Arm, friction, inertia_matrices, inverse_dynamics
 from robots.arm.kinematics import JointMotion, forward, sampled
 from sim2d.randomness import Noise
 
+FINEST = 500.0
+"""The rate of the UR5e, Hz."""
+APART = 1.0
+"""A larger deviation (rad) is none of the equation: the simulation has failed."""
 BANDWIDTH = 60.0
 """w, rad/s."""
 STILL = 1e-9
@@ -108,6 +114,7 @@ class ControlledArm:
         self, arm: Arm, posture: Floats, period: float, generators: Generators, variation: RunVariation = TYPICAL
     ) -> None:
         self.arm, self.period = arm, period
+        self._parts = max(1, math.ceil(period * FINEST - 1e-9))  # in which a period is integrated
         self.bench = Bench(generators.bench, variation.payload)
         self.push: Push | None = None
         self._people = generators.people
@@ -168,7 +175,9 @@ class ControlledArm:
         positions, velocities = plan.motion.positions[at], plan.motion.velocities[at]
         if self._pushed(at):
             positions, velocities = positions + self._deviation, velocities + self._rate
-            efforts = efforts + self._correct(at, positions, velocities)
+            for _ in range(self._parts):
+                correction = self._correct(at)
+            efforts = efforts + correction
         efforts = efforts + self._sensor.error()
         self.state = JointState(self._quantise(positions).tolist(), velocities.tolist(), efforts.tolist())
         return self.state
@@ -179,20 +188,28 @@ class ControlledArm:
             return True
         return self.bench.touches(*self.plan.places[at])
 
-    def _correct(self, at: int, positions: Floats, velocities: Floats) -> Floats:
-        """Return the controller's correction (joints,), Nm, and advance the deviation by one cycle."""
-        plan, outer = self.plan, np.zeros(len(positions))
+    def _correct(self, at: int) -> Floats:
+        """Return the controller's correction (joints,), Nm, and advance the deviation by a part of the cycle.
+
+        Raises MissionError if the deviation is no longer one."""
+        plan, period = self.plan, self.period / self._parts
+        positions = plan.motion.positions[at] + self._deviation
+        velocities, outer = plan.motion.velocities[at] + self._rate, np.zeros(len(positions))
         jacobian = plan.jacobians[at]
         place = plan.places[at] + jacobian @ self._deviation
         outer += jacobian.T @ self.bench.force(place, jacobian @ velocities)
         if self.push is not None:
-            torque = self.push.torque(float(positions[0]), self.period)
+            torque = self.push.torque(float(positions[0]), period)
             outer[0] += torque or 0.0
             self.push = None if torque is None else self.push
         inertia = plan.inertias[at]
         wanted = -2 * BANDWIDTH * self._rate - BANDWIDTH**2 * self._deviation
-        self._rate = self._rate + self.period * (wanted + np.linalg.solve(inertia, outer))
-        self._deviation = self._deviation + self.period * self._rate
+        self._rate = self._rate + period * (wanted + np.linalg.solve(inertia, outer))
+        self._deviation = self._deviation + period * self._rate
+        if not np.abs(self._deviation).max() < APART:
+            raise MissionError(
+                f"the simulation of the arm has failed: it is more than {APART:g} rad from its reference"
+            )
         if not outer.any() and max(np.abs(self._deviation).max(), np.abs(self._rate).max()) < STILL:
             self._deviation, self._rate = np.zeros_like(outer), np.zeros_like(outer)
         self._deviates = bool(self._deviation.any())

@@ -50,8 +50,8 @@ from fame.bpmn.reader.xml import (
     resolve,
     text_of,
 )
-from fame.errors import ModelError, expect
-from fame.text import as_number, unreadable
+from fame.errors import ConfigError, ModelError, expect
+from fame.text import as_number, unreadable, write_file
 
 _ROOTS_WITHOUT_EFFECT = ("choreography", "globalChoreographyTask", "conversation")
 _ENCODING = re.compile(r"""\sencoding\s*=\s*(["'])[^"']*\1""")
@@ -277,9 +277,9 @@ def write(definitions: Definitions, path: str | Path | None = None) -> bytes:
         raise ModelError("the model was changed after reading: change the file instead", file=definitions.file)
     if path is not None:
         try:
-            Path(path).write_bytes(definitions.source)
-        except OSError as error:
-            raise ModelError(f"cannot be written: {error.strerror}", file=str(path)) from None
+            write_file(path, definitions.source)
+        except ConfigError as error:
+            raise ModelError(error.text, file=error.file) from None
     return definitions.source
 
 

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.data_files import LABEL, RUN, STAMP, CsvTable, read_table
+from fame.text import writing
 
 NEAR = 0.5
 """Distance from home (rad, over all joints) that counts as being there."""
@@ -279,9 +280,7 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
 
 def write_csv(path: str | Path, recording: Recording) -> None:
     """Write a recording with a header; times to the nanosecond."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", encoding="utf-8", newline="") as stream:
+    with writing(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
         rows = csv.writer(stream, lineterminator="\n")
         rows.writerow([*([STAMP] if recording.stamps is not None else []), RUN, *recording.joints, LABEL])
         for index, values in enumerate(recording.values):

@@ -97,6 +97,10 @@ class SilenceWatch:
 SILENCE = 2.0
 """A topic without a message for this time (s) is silent."""
 
+JUMP, FORGET = 3, 10.0
+"""So many messages of earlier stamps, one after another, are of a clock that jumped back; fewer came late. Then stamps
+are not taken for as long again (s), at most."""
+
 LATE = 1.0
 """A message is late if it took this much longer (s) than the quickest one."""
 
@@ -161,6 +165,7 @@ class _Stream:
         self.count = self.counted = self.left_out = self.others = self.unwanted = 0
         self.reason, self.arrived, self.taken = "", (np.inf, -np.inf), (np.inf, -np.inf)
         self.latest: list[Any] = []  # the values of the last message that was taken
+        self.older, self.back = 0, 0.0  # messages of earlier stamps since then, and how much (s) earlier
 
     def forget(self) -> None:
         """Forget what the messages were like so far: none of them was taken."""
@@ -266,6 +271,14 @@ class InputNode:
             if not same or not self._is_repeated(stream, message):
                 stream.left_out += 1
                 stream.reason = f"its stamp is {'that' if same else f'{older} than that'} of another one"
+            if not same:
+                stream.older, stream.back = stream.older + 1, max(stream.back, stream.last - stamp)
+            return
+        if stream.older >= JUMP and stamp <= stream.last + min(stream.back, FORGET):
+            # Stamps go on where they were, but time has passed: without a gap, windows would span what is missing.
+            stream.left_out += 1
+            stream.reason = f"the clock jumped back by {stream.back:.3g} s"
+            self.report(f"jump {topic}", f"{topic}: left out: {stream.reason}, and no window spans that")
             return
         try:
             values = self._read(stream, message)
@@ -280,7 +293,7 @@ class InputNode:
             stream.reason = str(reason)
             self.report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
-        stream.last, stream.latest = stamp, values
+        stream.last, stream.latest, stream.older, stream.back = stamp, values, 0, 0.0
         stream.taken = min(stream.taken[0], now), now
         stream.count += 1
         delay = now - stamp
