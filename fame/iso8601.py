@@ -25,7 +25,9 @@ _NANOSECONDS = {
     "minutes": 60_000_000_000,
     "seconds": 1_000_000_000,
 }
-_NUMBER = r"[0-9]{1,15}(?:[.,][0-9]{1,30})?"
+_NUMBER = r"[0-9]{1,15}(?:[.,][0-9]{1,30})?(?:[eE][+-]?[0-9]{1,3})?"
+"""With an exponent, as Python and others write what they have computed: ``5e-05``."""
+_LONGEST = 10**15
 _DURATION = re.compile(
     rf"P(?=.)(?:(?P<years>{_NUMBER})Y)?(?:(?P<months>{_NUMBER})M)?(?:(?P<weeks>{_NUMBER})W)?(?:(?P<days>{_NUMBER})D)?"
     rf"(?:T(?=.)(?:(?P<hours>{_NUMBER})H)?(?:(?P<minutes>{_NUMBER})M)?(?:(?P<seconds>{_NUMBER})S)?)?"
@@ -124,24 +126,25 @@ def parse_duration(text: str) -> Duration:
     The last part may have a fraction, unless it is years or months; it is rounded to the nanosecond.
     """
     text = text.strip()
-    if "-" in text and _DURATION.fullmatch(text.replace("-", "")):
-        raise ValueError(f"{text!r} is a negative duration: a timer cannot run backwards")
     match = _DURATION.fullmatch(text)
     if match is None:
+        if "-" in text and _DURATION.fullmatch(text.replace("-", "")):
+            raise ValueError(f"{text!r} is a negative duration: a timer cannot run backwards")
         if re.fullmatch(r"[0-9]+([.,][0-9]+)?", text):
             raise ValueError(f"{text!r} is not an ISO 8601 duration: {text} seconds are PT{text}S")
         raise ValueError(f"{text!r} is not an ISO 8601 duration such as PT1.5S, PT10M or P1DT12H")
-    parts = {unit: number.replace(",", ".") for unit, number in match.groupdict().items() if number}
-    if any("." in number for number in list(parts.values())[:-1]):
-        raise ValueError(f"{text!r} has a fraction before its last part: ISO 8601 allows one in the last part only")
-    if any("." in parts.get(unit, "") for unit in _MONTHS):
-        raise ValueError(f"{text!r} has a fraction of a year or month, which has no fixed length: give days")
 
     from fractions import Fraction  # with decimal it takes longer to import than all the rest of FAME's clock
 
+    parts = {unit: Fraction(number.replace(",", ".")) for unit, number in match.groupdict().items() if number}
+    if max(parts.values()) >= _LONGEST:
+        raise ValueError(f"{text!r} is too long: its numbers have at most 15 digits")
+    if any(number.denominator > 1 for number in list(parts.values())[:-1]):
+        raise ValueError(f"{text!r} has a fraction before its last part: ISO 8601 allows one in the last part only")
+    if any(parts[unit].denominator > 1 for unit in _MONTHS if unit in parts):
+        raise ValueError(f"{text!r} has a fraction of a year or month, which has no fixed length: give days")
     months = sum(int(parts.get(unit, 0)) * factor for unit, factor in _MONTHS.items())
-    rest = sum(Fraction(parts[unit]) * factor for unit, factor in _NANOSECONDS.items() if unit in parts)
-    return Duration(months, round(rest))
+    return Duration(months, round(sum(parts.get(unit, 0) * factor for unit, factor in _NANOSECONDS.items())))
 
 
 def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:

@@ -214,6 +214,12 @@ def test_a_call_of_camunda_8_that_shares_nothing_is_kept_since_no_other_form_say
     assert "zeebe:calledElement" in same(f'<callActivity id="c">{extensions(called)}</callActivity>')
 
 
+def test_mappings_of_camunda_8_that_see_earlier_ones_are_kept_since_no_other_form_says_so() -> None:
+    mapped = '<zeebe:input source="=1" target="x"/><zeebe:input source="=x + 1" target="y"/>'
+    text = same(f'<scriptTask id="s">{extensions(f"<zeebe:ioMapping>{mapped}</zeebe:ioMapping>")}</scriptTask>')
+    assert "zeebe:ioMapping" in text
+
+
 def test_the_key_of_a_message_becomes_a_correlation_property() -> None:
     key = extensions('<zeebe:subscription correlationKey="=order_id"/>')
     catch = '<intermediateCatchEvent id="e"><messageEventDefinition messageRef="M"/></intermediateCatchEvent>'

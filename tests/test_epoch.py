@@ -7,12 +7,14 @@ from pathlib import Path
 import pytest
 from bpmn_text import process
 
+from fame.bpmn import read_text
 from fame.cli import main
 from fame.cli.engine import _epoch
 from fame.clock import EPOCH, SECOND, Scheduler, parse_epoch
 from fame.errors import ConfigError
 from fame.scenario import Scenario
 from fame.scenario.distributed import TeamOptions, command_lines
+from fame.simulation import Simulation
 
 MAY = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
@@ -85,6 +87,20 @@ def test_a_date_beyond_the_duration_is_told_once(tmp_path: Path) -> None:
     assert result.reports[0].detail == (
         "date timer 2026-05-01T12:00:05Z is due at 2026-05-01T12:00:05Z, and the run goes from 1970-01-01T00:00:00Z "
         "to 1970-01-01T00:01:00Z: see epoch"
+    )
+
+
+@pytest.mark.parametrize("start", [True, False])
+def test_a_cycle_that_is_over_is_told(start: bool) -> None:
+    timer = "<timerEventDefinition><timeCycle>R3/2026-02-01T00:00:00Z/PT1H</timeCycle></timerEventDefinition>"
+    begin = f'<startEvent id="c">{timer}</startEvent>'
+    wait = f'<startEvent id="s"/><intermediateCatchEvent id="c">{timer}</intermediateCatchEvent>'
+    flow = '<sequenceFlow id="a" sourceRef="s" targetRef="c"/>'
+    model = read_text(process(begin if start else wait + flow))
+    (report,) = Simulation(model, epoch=MAY).run().reports
+    assert (report.element, report.detail) == (
+        "c",
+        "cycle timer R3/2026-02-01T00:00:00Z/PT1H never fires: its last time was before 2026-05-01T12:00:00Z",
     )
 
 

@@ -71,7 +71,9 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     found = Extensions()
     for one in foreign:
         ELEMENT_ADAPTERS[one.tag[1:].partition("}")[0]](context, _without_comments(one), found)
-    if not found.refused and (not found.own_scope or found.inputs or found.outputs or found.all_in or found.all_out):
+    in_order = any(one.in_order for one in (*found.inputs, *found.outputs))  # which no other form says
+    says_all = not found.own_scope or found.inputs or found.outputs or found.all_in or found.all_out
+    if not found.refused and not in_order and says_all:
         for one in foreign:
             holder.remove(one)
         merging.write_extensions(element, found)

@@ -42,8 +42,8 @@ class Variables(dict[str, Any]):
     """Variables of a scope with variables of its own (a multi-instance activity, a mapping).
 
     `outer` is the dict of the scope outside, possibly a `Variables` too; `own` are its initial variables. A name that
-    is known only outside is written there; every other name is written inside. Scripts run with this dict as globals,
-    for which CPython calls these methods:
+    is known only outside is written there; every other name is written inside, or outside if it `passes_on` new names
+    (a pass of a standard loop). Scripts run with this dict as globals, for which CPython calls these methods:
 
     ====================================  =================================================
     compiled to                           calls
@@ -61,10 +61,11 @@ class Variables(dict[str, Any]):
     all.
     """
 
-    __slots__ = ("_own", "outer")
+    __slots__ = ("_own", "outer", "passes_on")
 
     def __init__(self, outer: dict[str, Any], own: Mapping[str, Any] | None = None) -> None:
         super().__init__(own or {})
+        self.passes_on: bool = False
         self.outer: dict[str, Any] = outer
         if BUILTINS in outer:
             super().__setitem__(BUILTINS, outer[BUILTINS])
@@ -83,7 +84,7 @@ class Variables(dict[str, Any]):
             return default
 
     def __setitem__(self, name: str, value: Any) -> None:
-        if super().__contains__(name) or name not in self.outer:
+        if super().__contains__(name) or (name not in self.outer and not self.passes_on):
             self.define(name, value)
         else:
             self.outer[name] = value
@@ -206,12 +207,15 @@ def seeing_fields(source: Compiled) -> Compiled:
     return evaluate
 
 
-def with_inputs(inputs: Sequence[tuple[str, Compiled]], source: Compiled) -> Compiled:
-    """Return an expression in which the inputs of its event are names as well."""
+def with_inputs(inputs: Sequence[tuple[str, Compiled]], source: Compiled, *, in_order: bool = False) -> Compiled:
+    """Return an expression in which inputs are names as well; `in_order`: in each input, too, those before it."""
 
     def evaluate(variables: dict[str, Any]) -> Any:
-        found = {name: value(variables) for name, value in inputs}
-        return source(Variables(variables, {name: value for name, value in found.items() if value is not UNDEFINED}))
+        inner = Variables(variables)
+        for name, value in inputs:
+            if (found := value(inner if in_order else variables)) is not UNDEFINED:
+                inner.define(name, found)
+        return source(inner)
 
     return evaluate
 

@@ -219,8 +219,7 @@ def _thrown(
             step = throw if isinstance(definition, model.SignalDefinition) else send
             payload = context.optional(topic.payload, event)
             if payload is not None and event.io is not None and event.io.inputs:
-                pairs = ((item.target, item.source) for item in event.io.inputs)
-                payload = data.with_inputs(context.assignments(pairs, event), payload)
+                payload = data.with_inputs(context.mapping(event.io.inputs, event), payload)
             return context.node(event, step, part, Throw(topic.qualified, payload, context.optional(topic.to, event)))
         case (
             model.ErrorDefinition(code=code, computed=computed)

@@ -2,8 +2,8 @@
 
 The activity becomes a scope with its boundary events and one child scope for each instance. A multi-instance activity
 has variables of its own (number of all, active and completed instances), and so has each instance: ``loopCounter`` (its
-number, from 1), the item of the collection, and new variables. An instance of a standard loop has none; its condition
-can use ``loopCounter``.
+number, from 1), the item of the collection, and new variables. A pass of a standard loop has only ``loopCounter``, the
+number of completed passes, which its condition can use, too; new variables are those of the scope around the loop.
 
 `Scope.items` of the activity holds the progress: items, output, and the number of all, started and completed instances.
 """
@@ -115,9 +115,10 @@ def whole_number(found: Any) -> int:
 def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
     loop, items = node.spec, whole.items
     items["started"] += 1
-    number, variables = items["started"], whole.variables
+    number = items["started"]
+    variables = chained(whole.variables, {"loopCounter": number - 1 if loop.standard else number})
+    variables.passes_on = loop.standard
     if not loop.standard:
-        variables = chained(variables, {"loopCounter": number})
         if items["values"] is not None and loop.element:
             variables.define(loop.element, items["values"][number - 1])
         if loop.sequential:  # of parallel ones once for all
@@ -222,7 +223,7 @@ def repeated(
 ) -> Node:
     """Make a repeated activity: a scope in which the activity itself (`inner`) runs once for each instance."""
     node = context.node(element, begin, "/loop")
-    instance = context.node(element, steps.pass_on, "/instance", LoopInstance())
+    instance = context.node(element, steps.pass_on, "/instance", LoopInstance(isinstance(how, model.StandardLoop)))
     node.ended, instance.ended = leave, end_instance
     context.compensated[element.id] = instance
     node.body = Body(element.id)

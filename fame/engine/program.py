@@ -178,7 +178,9 @@ class Handler:
 
 @dataclass(frozen=True, slots=True)
 class LoopInstance:
-    """Spec of one instance of a repeated activity."""
+    """Spec of one instance of a repeated activity. `passes_on`: its new variables are those of the scope around it."""
+
+    passes_on: bool = False
 
 
 @dataclass(slots=True)

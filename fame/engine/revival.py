@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.engine.data import chained
 from fame.engine.interpreter import Engine
-from fame.engine.state import Instance, Mailbox, Record, Scope, Wait
+from fame.engine.state import Instance, Mailbox, Record, Scope, Wait, pass_on
 
 if TYPE_CHECKING:
     from fame.engine.canonical import Control, Form, Forms
@@ -79,6 +79,7 @@ class Revival:
             outer = everything[parent]
             scope = Scope(keys[number], outer, node, body, dicts[variables])
             scope.tokens, scope.state = tokens, state
+            pass_on(scope)
             if parent:
                 outer.children[scope] = None
             else:

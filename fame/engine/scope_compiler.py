@@ -11,11 +11,11 @@ executed is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
 from fame.bpmn import model
-from fame.engine import steps
+from fame.engine import data, steps
 from fame.engine.data import unfilled
 from fame.engine.host import Host
 from fame.engine.program import Body, Boundary, Compiled, FaultCatch, Node, Program, StepFunction
@@ -174,6 +174,24 @@ class ScopeCompiler:
         self, pairs: Iterable[tuple[str, model.Expression]], element: model.Element
     ) -> tuple[tuple[str, Compiled], ...]:
         return tuple((name, self.expression(source, element)) for name, source in pairs)
+
+    def mapping(
+        self,
+        items: Sequence[model.Assignment],
+        element: model.Element,
+        seeing: Callable[[Compiled], Compiled] | None = None,
+    ) -> tuple[tuple[str, Compiled], ...]:
+        """Compile the assignments of a mapping; `seeing` adds names to what expressions in FEEL see."""
+        plain = self.assignments(((item.target, item.source) for item in items), element)
+        if seeing is not None:
+            pairs = zip(items, plain, strict=True)
+            plain = tuple(
+                (name, seeing(source) if item.source.language == "feel" else source) for item, (name, source) in pairs
+            )
+        return tuple(
+            (name, data.with_inputs(plain[:place], source, in_order=True) if items[place].in_order else source)
+            for place, (name, source) in enumerate(plain)
+        )
 
     def refuse(self, text: str, element: model.Element) -> NoReturn:
         """Raise ModelError for an element."""

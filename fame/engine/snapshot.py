@@ -23,7 +23,7 @@ from fame.engine.host import Host
 from fame.engine.interpreter import Engine
 from fame.engine.program import Node, Program
 from fame.engine.repair import AT_INCIDENT
-from fame.engine.state import Instance, Mailbox, Scope, Wait, scopes_of
+from fame.engine.state import Instance, Mailbox, Scope, Wait, pass_on, scopes_of
 from fame.engine.state_fields import (
     ENGINE,
     INSTANCE,
@@ -185,6 +185,7 @@ def _derived(data: Data, of: Reader) -> None:
         scope = of.objects[item["key"]]
         scope.counts = scope.instance.counts
         scope.instance.scopes += 1
+        pass_on(scope)
     for item in data["boxes"]:
         box = of.objects[item["key"]]
         box.messages = deque(box.messages, box.catch.queue)

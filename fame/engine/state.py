@@ -9,8 +9,8 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
-from fame.engine.data import plain
-from fame.engine.program import Body, Catch, Mark, Node, Program
+from fame.engine.data import Variables, plain
+from fame.engine.program import Body, Catch, LoopInstance, Mark, Node, Program
 from fame.errors import MissionError
 
 RUNNING, DEAD = 0, -1
@@ -247,6 +247,13 @@ class Continuation:
 
     def __init__(self, pending: int, node: Node, scope: Scope) -> None:
         self.pending, self.node, self.scope = pending, node, scope
+
+
+def pass_on(scope: Scope) -> None:
+    """Let the variables of a restored scope pass on new names if it is a pass of a loop: this is no data of theirs."""
+    own = scope.parent is not None and scope.variables is not scope.parent.variables
+    if own and isinstance(scope.variables, Variables) and scope.node and isinstance(scope.node.spec, LoopInstance):
+        scope.variables.passes_on = scope.node.spec.passes_on
 
 
 def scopes_of(root: Scope) -> Iterator[Scope]:

@@ -200,8 +200,8 @@ def map_variables(context: ScopeCompiler, element: model.Activity, node: Node, i
     spec: ScopeActivity = node.spec
     spec.own, spec.shares = True, not isinstance(element, model.CallActivity)
     spec.all_in, spec.all_out = io.all_in, io.all_out
-    spec.inputs = context.assignments(((item.target, item.source) for item in io.inputs), element)
-    spec.outputs = context.assignments(((item.target, item.source) for item in io.outputs), element)
+    spec.inputs = context.mapping(io.inputs, element)
+    spec.outputs = context.mapping(io.outputs, element)
     result = element.result_variable if isinstance(element, model.Task) else ""
     if result and all(item.target != result for item in io.outputs):  # a result is meant for the process
         spec.outputs += ((result, lambda variables: variables.get(result, UNDEFINED)),)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from fame.bpmn import model
 from fame.engine import data, faults, scopes, steps, waiting
@@ -123,11 +122,7 @@ def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic:
     if catch.queue or catch.trigger is waiting.MESSAGE:
         context.compiler.program.selective.add(catch.topic)
     objects = [context.objects[id] for id in element.data_outputs if id in context.objects]
-    takes: list[tuple[str, Callable[[dict[str, Any]], Any]]] = [
-        (name, data.seeing_fields(source) if item.source.language == "feel" else source)
-        for item in topic.takes
-        for name, source in context.assignments([(item.target, item.source)], element)
-    ]
+    takes = context.mapping(topic.takes, element, data.seeing_fields)
     catch.take = data.receiver(topic, objects, takes, context.compiler.unfilled)
 
 

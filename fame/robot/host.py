@@ -166,8 +166,11 @@ class EngineHost:
     def set_timer(self, key: int, kind: str, text: str) -> None:
         self.timers.set(key, kind, text)
         due, until = self.timers.due(key), self._options.until
-        if kind != "duration" and due is not None and until is not None and due > until:
-            self._report_late(self.engine.timed(key).id, f"{kind} timer {text}", due, until)
+        if due is None:
+            self._report_late(key, f"{kind} timer {text} never fires: its last time was before {self._date()}")
+        elif kind != "duration" and until is not None and due > until:
+            run = f"the run goes from {self._date(0)} to {self._date(until)}"
+            self._report_late(key, f"{kind} timer {text} is due at {self._date(due)}, and {run}: see epoch")
 
     def cancel_timer(self, key: int) -> None:
         self.timers.cancel(key)
@@ -182,12 +185,15 @@ class EngineHost:
         self.engine.timer_fired(key, last=last)
         self.runner.poll()
 
-    def _report_late(self, element: str, timer: str, due: int, until: int) -> None:
+    def _report_late(self, key: int, text: str) -> None:
         """Report once for each element that its timer will not fire in this run."""
+        element = self.engine.timed(key).id
         if element not in self._late:
             self._late.add(element)
-            first, last, moment = (date_text(date_at(self._options.epoch, time)) for time in (0, until, due))
-            self.report(element, f"{timer} is due at {moment}, and the run goes from {first} to {last}: see epoch")
+            self.report(element, text)
+
+    def _date(self, time: int | None = None) -> str:
+        return date_text(date_at(self._options.epoch, self._scheduler.now if time is None else time))
 
     # ---- observation -------------------------------------------------------------------------------------------------
 

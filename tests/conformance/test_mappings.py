@@ -220,3 +220,31 @@ def test_a_condition_in_another_file_is_refused_by_name() -> None:
     flow = '<sequenceFlow id="f" sourceRef="s" targetRef="e"><conditionExpression camunda:resource="c.groovy"/>'
     with pytest.raises(ModelError, match=r"test.bpmn:1: f: its condition is the resource c.groovy"):
         Run(start() + end() + f"{flow}</sequenceFlow>")
+
+
+# ---- the order of mappings ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("waiting", [False, True])
+def test_those_of_camunda_8_see_the_ones_before_them(play: Play, waiting: bool) -> None:
+    inputs = mapped(("=1", "p"), ("=p + 1", "q"), ("=q", "o.x"), ("=p", "r"), ("=o.x + r", "o.y"), kind="input")
+    outputs = mapped(("=p + 10", "a"), ("=a + 1", "b"), ("=o.y", "c"))
+    mapping = inputs.replace("</extensionElements>", "") + outputs.replace("<extensionElements>", "")
+    task = script("t", "await sleep(1)" if waiting else "pass", mapping)
+    run = play(start() + task + path("s t"), {"p": 7}).run(2)
+    assert run.variables == {"p": 7, "a": 11, "b": 12, "c": 3}
+
+
+def test_those_of_a_caught_message_too(play: Play) -> None:
+    mapping = mapped(("=x + 1", "a"), ("=a + 1", "b"))
+    content = start() + catch("c", mapping + signal("A")) + path("s c")
+    run = play(content).run().signal("A", {"x": 1})
+    assert run.variables == {"a": 2, "b": 3}
+
+
+def test_those_of_camunda_7_do_not(play: Play) -> None:
+    pairs = '<camunda:inputParameter name="p">${q}</camunda:inputParameter>'
+    pairs += '<camunda:inputParameter name="q">${p}</camunda:inputParameter>'
+    swap = extensions(f"<camunda:inputOutput>{pairs}</camunda:inputOutput>")
+    run = play(start() + script("t", "seen.append((p, q))", swap) + path("s t"), {"p": 1, "q": 2, "seen": []}).run()
+    assert run.variables["seen"] == [(2, 1)]

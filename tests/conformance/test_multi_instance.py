@@ -230,6 +230,21 @@ def test_its_condition_knows_how_often_it_ran(play: Play) -> None:
     assert play(around(script("a", "y = 1", loop("loopCounter &lt; 5")))).run().visits["a"] == 5
 
 
+def test_so_does_its_body_whose_new_variables_remain(play: Play) -> None:
+    text = "new = loopCounter; found.append(loopCounter)"
+    inner = sub("a", loop(loopMaximum="3"), start("t") + user("u") + script("n", text) + path("t u n"))
+    run = play(around(inner), {"found": []}).run().complete("u").complete("u")
+    assert run.variables == {"found": [0, 1], "new": 1}
+    assert run.complete("u").variables == {"found": [0, 1, 2], "new": 2}
+
+
+def test_in_a_multi_instance_activity_its_body_sees_its_own_counter(play: Play) -> None:
+    inner = script("b", "found.append((place, loopCounter)); last = loopCounter", loop(loopMaximum="2"))
+    whole = sub("a", many(times("2"), True), script("p", "place = loopCounter"), inner, path("p b"))
+    run = play(around(whole), {"found": []}).run()
+    assert run.variables == {"found": [(1, 0), (1, 1), (2, 0), (2, 1)]}
+
+
 def test_new_variables_of_a_loop_stay(play: Play) -> None:
     assert play(around(script("a", "y = 1", loop("False")))).run().variables == {"y": 1}
 

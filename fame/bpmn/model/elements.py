@@ -108,10 +108,14 @@ class DataObject(Element):
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """``target = source`` in a mapping (camunda:in/out, inputParameter, zeebe:input/output, BPMN assignment)."""
+    """``target = source`` in a mapping (camunda:in/out, inputParameter, zeebe:input/output, BPMN assignment).
+
+    `in_order`: the source sees the targets of the assignments before it, as in Camunda 8.
+    """
 
     target: str
     source: Expression
+    in_order: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from fame.bpmn.reader.dialects.extensions import PATH, Extensions, Property
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node, line_of, local_name
 
+_WORD = re.compile(r"\w+")
 _KEY = re.compile(rf"=\s*({PATH})|[$#]{{\s*({PATH})\s*}}")
 IGNORED: Set[str] = {
     "userTask", "taskSchedule", "priorityDefinition",
@@ -59,20 +60,16 @@ def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
 def _assign(into: list[Assignment], target: str, source: Expression, inwards: bool) -> None:
     """Add an assignment. The target ``order.id`` is a field of a new variable (inwards), or of its current value."""
     name, *path = target.split(".")
-    if not path:
-        into.append(Assignment(target, source))
-        return
-    place = next((place for place, one in enumerate(into) if one.target == name), None)
-    before = "null" if inwards else name
-    if place is not None and into[place].source.language == "feel":
-        before = f"({into[place].source.text})"
-    value = f"({source.text})" if source.language == "feel" else json.dumps(source.text, ensure_ascii=False)
-    text = f"context put({before}, {json.dumps(path)}, {value})"
-    assignment = Assignment(name, Expression(text, "feel", source.line))
-    if place is None:
-        into.append(assignment)
-    else:
-        into[place] = assignment
+    known = {one.target for one in into}
+    read = known & set(_WORD.findall(source.text)) if source.language == "feel" else set()
+    in_order = bool(read)
+    if path:
+        joins = bool(into) and into[-1].target == name and into[-1].source.language == "feel" and name not in read
+        before = f"({into[-1].source.text})" if joins else name if name in known or not inwards else "null"
+        in_order = into.pop().in_order or in_order if joins else in_order or name in known
+        value = f"({source.text})" if source.language == "feel" else json.dumps(source.text, ensure_ascii=False)
+        source = Expression(f"context put({before}, {json.dumps(path)}, {value})", "feel", source.line)
+    into.append(Assignment(name, source, in_order))
 
 
 def _task(context: Context, node: Node, found: Extensions) -> None:
