@@ -13,6 +13,9 @@ _PATIENCE = 0.5
 
 def main() -> int:
     """Run the command line and return the exit code. See `fame.cli`."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever started us: fame check >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - until the process ends
     # Threads of OpenBLAS, which numpy starts, would keep a processor busy for a tenth of a second before they sleep:
     # the processor on which the recording is written, or that of other engines.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")

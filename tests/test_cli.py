@@ -10,6 +10,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from fame_test_runs import fame_test
 
 from fame import __version__
 from fame.__main__ import main as begin
@@ -319,6 +320,21 @@ def test_an_interruption_of_the_first_import_is_one(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sys, "meta_path", [Interrupted(), *sys.meta_path])
     assert begin() == 130
     assert capsys.readouterr().err == "fame: interrupted\n"
+
+
+def test_an_interruption_of_tests_has_its_code_and_an_error_of_collection_has_not(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text("import signal\ndef test_it(): signal.raise_signal(signal.SIGINT)\n")
+    assert fame_test(str(tmp_path))[0] == 130
+    (tmp_path / "test_it.py").write_text("import no_such_module\n")
+    assert fame_test(str(tmp_path))[0] == 1
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_a_closed_stream_is_no_fault_of_the_command(closed: str) -> None:
+    words = f"{sys.executable} -m fame check models/ground_vehicles.bpmn {closed}"
+    done = subprocess.run(["sh", "-c", words], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "bug" not in done.stdout + done.stderr
 
 
 def test_an_interruption_is_told_and_has_its_code(monkeypatch: pytest.MonkeyPatch, capsys) -> None:

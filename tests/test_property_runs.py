@@ -85,7 +85,7 @@ def test_a_run_that_is_cut_leaves_properties_pending(team: Path, capsys: pytest.
     ]  # fmt: skip
     result = Scenario.load(team, duration=2.5).run()
     held, pending = replace(result, judgements=result.judgements[1:]), replace(result, status="interrupted")
-    assert (result.exit_code, pending.exit_code) == (3, 3)
+    assert (result.exit_code, pending.exit_code) == (3, 130)
     assert (held.exit_code, replace(held, status="interrupted").exit_code) == (1, 130)  # the mission is not over
 
 

@@ -21,8 +21,9 @@ _EXAMPLES = (
     "fame test examples/tests -k vehicles --cov-model --cov-fail-under 100 --cov-html out/coverage.html",
     "fame test --pytest=--pdb --pytest=--durations=5",
 )
-_EXIT = {0: 0, 4: 2, 5: 2}
-"""By exit code of pytest: a wrong request and no tests are 2, everything else is 1. If all are skipped, it is 3."""
+_EXIT = {0: 0, 2: 130, 4: 2, 5: 2}
+"""By exit code of pytest: Ctrl-C is 130, a wrong request and no tests are 2, everything else is 1. If all are skipped,
+it is 3."""
 
 
 def add(commands: Commands) -> None:
@@ -91,7 +92,8 @@ def run(arguments: Namespace) -> int:
             options.append(f"--cov-model-{name.replace('_', '-')}={value}")
     options += arguments.pytest
     outcomes = _Outcomes()
-    code = _EXIT.get(int(pytest.main(options, plugins=[outcomes])), 1)
+    ended = int(pytest.main(options, plugins=[outcomes]))
+    code = 1 if ended == pytest.ExitCode.INTERRUPTED and not outcomes.interrupted else _EXIT.get(ended, 1)
     if code == 0 and outcomes.are_skips:
         note("fame: no test has passed: all were skipped")
         return 3
@@ -99,10 +101,13 @@ def run(arguments: Namespace) -> int:
 
 
 class _Outcomes:
-    """A plugin of pytest that knows whether tests were skipped and none came to a result."""
+    """A plugin of pytest that knows whether tests were skipped and none came to a result, and of a Ctrl-C."""
 
     def __init__(self) -> None:
-        self._skipped = self._judged = False
+        self._skipped = self._judged = self.interrupted = False
+
+    def pytest_keyboard_interrupt(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
+        self.interrupted = excinfo.type is KeyboardInterrupt  # pytest's own ends after errors of collection inherit it
 
     @property
     def are_skips(self) -> bool:

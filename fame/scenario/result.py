@@ -114,9 +114,11 @@ class Result:
     def exit_code(self) -> int:
         """The exit code of `fame run`: 130 interrupted, 1 not completed or violated, 3 pending or not known, else 0.
 
-        Of a run that was cut while a property is violated or pending it is that of the property.
+        Of a run that was cut while a property is violated it is that of the property, of one that ended at its
+        duration also while one is pending.
         """
-        if self.status != "failed" and {"violated", "pending"} & {each.verdict for each in self.judgements}:
+        cut = {"completed": {"violated", "pending"}, "timeout": {"violated", "pending"}, "interrupted": {"violated"}}
+        if cut.get(self.status, set()) & {each.verdict for each in self.judgements}:
             return exit_code(self.judgements)
         own = {"completed": 0, "interrupted": 130}.get(self.status, 1)
         return own or exit_code(self.judgements)
