@@ -8,6 +8,7 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
 from linecache import getlines
+from pathlib import Path
 from typing import Any
 
 from fame.errors import UnavailableError
@@ -41,6 +42,18 @@ def require(package: str) -> None:
     if find_spec(package) is None:
         text, extra = _EXTRAS[package]
         raise UnavailableError(f"{text}: pip install 'fame-robots[{extra}]'")
+
+
+def hidden(error: BaseException) -> str:
+    """Say which folder of the user hides a package of FAME, if that is why an import failed; else nothing."""
+    top = str(getattr(error, "name", None) or "").partition(".")[0]
+    home = Path(__file__).parent.parent
+    if not isinstance(error, ImportError) or not top or not (home / top / "__init__.py").is_file():
+        return ""
+    spec = find_spec(top)
+    places = [Path(place) for place in (spec.submodule_search_locations or ())] if spec is not None else []
+    other = next((place for place in places if place.resolve() != (home / top).resolve()), None)
+    return f"the folder {other} hides FAME's package {top!r}: rename it" if other is not None else ""
 
 
 def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:

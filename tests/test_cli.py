@@ -337,6 +337,28 @@ def test_a_closed_stream_is_no_fault_of_the_command(closed: str) -> None:
     assert "bug" not in done.stdout + done.stderr
 
 
+@pytest.mark.parametrize("package", ["robots", "sim2d"])
+def test_a_folder_that_hides_a_package_of_fame_is_named(package: str, tmp_path: Path) -> None:
+    shutil.copy(ROOT / "models" / "ground_vehicles.bpmn", tmp_path)
+    text = (ROOT / "examples" / "ground_vehicles.yaml").read_text().replace("../models/", "")
+    (tmp_path / "own.yaml").write_text(text)
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").touch()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    command = [sys.executable, "-m", "fame", "run", "own.yaml", "--quiet"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert f"the folder {tmp_path / package} hides FAME's package {package!r}: rename it" in done.stderr
+
+
+def test_the_help_of_a_command_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    with pytest.raises(SystemExit):
+        main(["run", "--help"])
+    _, *parts = capsys.readouterr().out.partition("\nexamples:")[0].split("\n\n")  # after the usage
+    assert max(len(line) for part in parts for line in part.splitlines()) <= 60
+
+
 def test_an_interruption_is_told_and_has_its_code(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     def run(arguments: object) -> int:
         raise KeyboardInterrupt

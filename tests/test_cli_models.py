@@ -117,6 +117,12 @@ def test_draw_shows_the_path_of_a_run(ending: str, tmp_path: Path) -> None:
     assert "Event_DoneCaught" not in changed
 
 
+def test_a_model_is_converted_to_bpmn_only(tmp_path: Path, capsys) -> None:
+    assert main(["convert", MISSION, "-o", str(tmp_path / "c.json")]) == 2
+    assert "c.json: expected a file with the ending .bpmn or .xml, got '.json'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_model_is_drawn_again_when_it_was_moved(tmp_path: Path) -> None:
     shutil.copy(MISSION, tmp_path / "alone.bpmn")
     assert main(["draw", str(tmp_path / "alone.bpmn"), "-o", str(tmp_path / "alone.svg")]) == 0

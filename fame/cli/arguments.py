@@ -6,6 +6,8 @@ import argparse
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from shutil import get_terminal_size
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from fame.errors import FameError
@@ -37,6 +39,15 @@ class Parser(argparse.ArgumentParser):
     @property
     def arguments(self) -> Sequence[argparse.Action]:
         return self._actions
+
+    def format_help(self) -> str:
+        """Give the help, its description in lines that fit the terminal; examples stay in one line each."""
+        description = self.description
+        self.description = fill(description, max(20, get_terminal_size().columns - 2)) if description else description
+        try:
+            return super().format_help()
+        finally:
+            self.description = description
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:  # type: ignore[override]
         """Raise FameError for an unknown argument, with the name of the command that received it.

@@ -86,6 +86,9 @@ def run_convert(arguments: Namespace) -> int:
     from fame.bpmn.conversion import convert
     from fame.bpmn.reader import read, read_bytes
 
+    if arguments.output.suffix.lower() not in (".bpmn", ".xml"):
+        text = f"expected a file with the ending .bpmn or .xml, got {arguments.output.suffix!r}"
+        raise ConfigError(text, file=str(arguments.output))
     definitions = read(arguments.model)
     source = convert(definitions, semantics=arguments.semantics)
     read_bytes(source, file=str(arguments.output))

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.config.values import ConfigValue, Source, join
 from fame.errors import ConfigError
+from fame.imports import hidden
 from fame.text import unreadable
 
 if TYPE_CHECKING:
@@ -156,7 +157,8 @@ def _module(name: str, folder: Path) -> Any:
     except ConfigError:
         raise
     except Exception as error:  # whatever the code of a user's module raises
-        raise ConfigError(f"{name} cannot be imported: {type(error).__name__}: {error}") from error
+        reason = hidden(error) or f"{type(error).__name__}: {error}"
+        raise ConfigError(f"{name} cannot be imported: {reason}") from error
 
 
 def _from_file(path: Path) -> Any:
