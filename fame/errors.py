@@ -174,3 +174,7 @@ def expect(holds: bool, name: str, found: object, right: str) -> None:
     """Raise ConfigError for the argument `name` of a Python call unless the condition holds."""
     if not holds:
         raise ConfigError(f"expected {right}, got {reprlib.repr(found)}", element=name)
+
+
+class ValueChanged(FutureWarning):
+    """A warning: a value means something else than in earlier releases."""

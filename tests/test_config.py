@@ -1,13 +1,19 @@
 """Files that people write: an error names file, line, key path, what was expected and what was found."""
 
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
+from fame.bpmn.model import Expression
 from fame.cli import main
+from fame.cli.pipelines import assignment
+from fame.cli.scenarios import _change
 from fame.config.loader import parse_document
-from fame.errors import ConfigError
+from fame.errors import ConfigError, ValueChanged
+from fame.scripting import compile_expression
 
 FILES = {
     "scenario": ({"model": "m.bpmn", "seed": 1}, "is a scenario, which is for fame run"),
@@ -89,3 +95,38 @@ def test_keys_with_dots_are_not_taken_for_paths_given_twice() -> None:
     assert parse_document("a: {b: 1}\na.b: 2\n").data == {"a": {"b": 1}, "a.b": 2}
     with pytest.raises(ConfigError, match=r"^line 2: a: is given twice$"):
         parse_document("a: 1\na: 2\n")
+
+
+SCALARS = {  # what earlier releases, and PyYAML, read in another way
+    "1e-3": 0.001,
+    "NO": "NO",
+    "on": "on",
+    "12:30": "12:30",
+    "010": 10,
+    "0o10": 8,
+    "1_000": "1_000",
+    "2024-01-01": "2024-01-01",
+    "0b1": "0b1",
+}
+
+
+@pytest.mark.parametrize(("text", "value"), SCALARS.items())
+def test_a_scalar_means_the_same_in_a_file_an_option_a_payload_and_a_data_object(text: str, value: Any) -> None:
+    with pytest.warns(ValueChanged, match=re.escape(f"`{text}` is now ")):
+        assert parse_document(f"{{a: [{text}]}}").data == {"a": [value]}
+    with pytest.warns(ValueChanged):
+        assert assignment(f"a={text}") == ("a", value)
+    with pytest.warns(ValueChanged):
+        assert _change(f"a={text}") == ("a", value)
+    assert compile_expression(Expression(f"{{a: [{text}]}}", "payload"))({}) == {"a": [value]}
+    assert compile_expression(Expression(text, "value"))({}) == value
+
+
+def test_what_earlier_releases_read_in_another_way_is_noted_once_with_its_place(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text("model: m.bpmn\nduration: 1e2\nepoch: 2026-11-28\nvariables: {mode: on, far: 5, other: 'on'}\n")
+    assert main(["check", str(path)]) == 1  # there is no such model
+    assert capsys.readouterr().err.splitlines()[:2] == [
+        f"fame: note: {path}:2: duration: `1e2` is now 100.0; earlier releases read the text '1e2'",
+        f"fame: note: {path}:4: variables.mode: `on` is now the text 'on'; earlier releases read true",
+    ]

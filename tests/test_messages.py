@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import re
 import subprocess
 import sys
 from collections import UserDict, deque
@@ -14,8 +15,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from fame.errors import MessageError
+from fame.errors import MessageError, ValueChanged
 from fame.middleware import codec, typesystem
+from fame.middleware.definitions import from_text
 from fame.middleware.messages import (
     bare,
     create,
@@ -398,6 +400,41 @@ def test_a_bad_definition_is_refused_and_leaves_nothing_behind(text: str, name: 
         register(text, name)
     assert reason in str(caught.value)
     assert types() == before
+
+
+@pytest.mark.parametrize(
+    ("line", "default"),  # as rosidl_adapter reads them
+    [
+        ("string x yes", "yes"),
+        ("string x null", "null"),
+        ("string x 12:30", "12:30"),
+        ("string x 1.10", "1.10"),
+        ("string x a: b  # and so on", "a: b"),
+        ("string x [y]", "[y]"),
+        (r"string x 'it\'s'", "it's"),
+        ('string x "  two  "', "  two  "),
+        ('string x "a" b', '"a" b'),
+        ("string[] x [on, \"a, b\", 'c' ]", ["on", "a, b", "c"]),
+        ("string[] x []", []),
+        ("int32 x 010", 10),
+        ("int64 x -0x10", -16),
+        ("int32 x 1_000", 1000),
+        ("int32[2] x [010, 011]", [10, 11]),
+        ("float64 x 1e3", 1000.0),
+        ("bool x TRUE", True),
+        ("bool[2] x [true, 0]", [True, False]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::fame.errors.ValueChanged")
+def test_the_default_of_a_field_is_that_of_ros(line: str, default: Any) -> None:
+    (content,) = from_text(line, "robot_msgs/msg/Default")
+    assert content.defaults == {"x": default}
+
+
+def test_a_default_that_earlier_releases_read_in_another_way_is_noted() -> None:
+    text = "robot_msgs/msg/Default: x: `off` is now the text 'off'; earlier releases read the text 'false'"
+    with pytest.warns(ValueChanged, match=re.escape(text)):
+        from_text("string x off\nstring y free", "robot_msgs/msg/Default")
 
 
 def test_a_default_that_does_not_fit_is_told_when_the_type_is_first_used() -> None:

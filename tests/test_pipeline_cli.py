@@ -251,9 +251,9 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
     ("words", "said"),
     [
         (["param", "set", "/low_pass", "cutoff", "["], "is not valid YAML"),
-        (["param", "set", "/low_pass", "cutoff", "2026-13-45"], "month must be in 1..12"),
+        (["param", "set", "/low_pass", "cutoff", "!!timestamp 2026-13-45"], "month must be in 1..12"),
         (["monitor", "process", "x.yaml", "--set", "cutoff=["], "is not valid YAML"),
-        (["monitor", "process", "x.yaml", "--set", "cutoff=2026-13-45"], "is not valid YAML"),
+        (["monitor", "process", "x.yaml", "--set", "cutoff=!!timestamp 2026-13-45"], "is not valid YAML"),
         (["monitor", "process", "x.yaml", "--frequency", "1e12"], "--frequency: expected a number from"),
         (["monitor", "process", "x.yaml", "--frequency", "1e-300"], "--frequency: expected a number from"),
         (["topic", "list", "--duration", "1e300"], "--duration: expected a number above 0, got '1e300'"),

@@ -118,6 +118,8 @@ def test_every_field_is_in_the_payload_but_for_times() -> None:
     assert payload_of("geometry_msgs/msg/Vector3") == "{x: 0.0, y: 0.0, z: 0.0}"
     assert payload_of("geometry_msgs/msg/PointStamped") == "{header: {frame_id: ''}, point: {x: 0.0, y: 0.0, z: 0.0}}"
     assert (payload_of("std_msgs/msg/Bool"), payload_of("std_msgs/msg/Empty")) == ("false", "")
+    messages.register("string number 1e3\nstring state free", "template_msgs/msg/Version")
+    assert payload_of("template_msgs/msg/Version") == "{number: '1e3', state: free}"  # a text, as in the type
 
 
 def test_a_type_is_chosen_from_those_there_are() -> None:

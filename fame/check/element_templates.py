@@ -15,6 +15,7 @@ from typing import Any
 from fame.bpmn.reader.dialects.extensions import QOS_CHOICES
 from fame.bpmn.topics import TTL
 from fame.check.library import Behaviour
+from fame.config.scalars import scalar
 from fame.middleware import messages
 
 Template = dict[str, Any]
@@ -171,7 +172,15 @@ def payload_of(type: str) -> str:
     value = _without_stamps(messages.default_payload(type))
     if value == {}:
         return ""
-    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1000)
+
+    class Quoting(yaml.SafeDumper):
+        """Quotes each text that `scalar` would read as another value, such as ``1e3``."""
+
+    def represent(dumper: Any, text: str) -> Any:
+        return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if scalar(text) == text else "'")
+
+    Quoting.add_representer(str, represent)
+    text: str = yaml.dump(value, Dumper=Quoting, default_flow_style=True, sort_keys=False, width=1000)
     return text.removesuffix("...\n").strip()
 
 

@@ -12,18 +12,20 @@ import shlex
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
 from textwrap import wrap
 from types import FrameType
+from typing import Any
 
 from fame.cli import output, project
 from fame.cli.arguments import Commands, Parser, Version, group as add_group, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
-from fame.errors import NOT_KNOWN, FameError
+from fame.errors import NOT_KNOWN, FameError, ValueChanged
 
 GROUPS: Mapping[str, Mapping[str, str]] = {
     "mission": {
@@ -106,7 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = _with_new_name(without_ros_arguments(sys.argv[1:] if argv is None else argv))
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
-    with _noting_interrupts() as interrupts:
+    with _noting_interrupts() as interrupts, _noting_changed_values():
         try:
             alone = len(given) == 1 and given[0] in (*_PARTS, "log")
             arguments = parser(*given[:2]).parse_args([*given, "--help"] if alone else given or ["--help"])
@@ -137,6 +139,25 @@ def main(argv: Sequence[str] | None = None) -> int:
             text = f"{type(error).__name__}: {error} (this is a bug in FAME; set FAME_DEBUG=1 for the traceback)"
             return _report(FameError(text), error, given, 1)
     return code
+
+
+@contextmanager
+def _noting_changed_values() -> Iterator[None]:
+    """Print each value that earlier releases read in another way, once."""
+    noted = set[str]()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ValueChanged)
+        show = warnings.showwarning
+
+        def note_once(message: Warning | str, category: type[Warning], *place: Any) -> None:
+            if not issubclass(category, ValueChanged):
+                show(message, category, *place)
+            elif str(message) not in noted:
+                noted.add(str(message))
+                note(f"fame: note: {message}")
+
+        warnings.showwarning = note_once  # type: ignore[assignment]
+        yield
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import number, positive
@@ -89,14 +90,12 @@ def _setting(text: str) -> tuple[str, str, Any]:
 
 def _change(text: str) -> tuple[str, Any]:
     """``world.robots.REX.at=[1, 2]``."""
-    import yaml
+    from fame.config.loader import parse_document
 
     path, equals, given = text.partition("=")
-    try:
+    with suppress(ConfigError):
         if equals and path.strip():
-            return path.strip(), yaml.safe_load(given)
-    except yaml.YAMLError:
-        pass
+            return path.strip(), parse_document(given).data
     raise ArgumentTypeError(f"expected PATH=VALUE, as in world.robots.REX.at=[1, 2], got {text!r}")
 
 

@@ -13,6 +13,7 @@ from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from fame.config.scalars import PLAIN, core_loader, note_scalar
 from fame.config.values import ConfigValue, Source, join
 from fame.errors import ConfigError
 from fame.imports import hidden
@@ -53,7 +54,7 @@ def parse_document(text: str, file: str = "") -> ConfigValue:
     import yaml  # an engine that waits for its process does without
 
     try:
-        loader = yaml.SafeLoader(text)
+        loader = core_loader()(text)
         node = loader.get_single_node()
         if node is None:
             return ConfigValue(None, "", Source(file))
@@ -86,6 +87,8 @@ def _note_lines(
     if isinstance(node.value, str):
         if node.start_mark.line == node.end_mark.line:
             columns[path] = node.start_mark.column + 1 + (node.style in ("'", '"'))  # type: ignore[attr-defined]
+        if node.tag == PLAIN:
+            note_scalar(node.value, file, lines[path], path)
         return
     keys: set[str] = set()
     for index, item in enumerate(node.value):

@@ -9,10 +9,12 @@ from __future__ import annotations
 import keyword
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
 
+from fame.config.scalars import earlier, note_change
 from fame.errors import MessageError
 from fame.text import DEPTH, is_deep
 
@@ -188,18 +190,20 @@ def _field(name: str, description: Any) -> Field:
 def _message(lines: list[str], name: str) -> Definition:
     from rosbags.typesys import TypesysError, get_types_from_msg
 
+    defaults = [_default(line) for line in lines]
+    bare = [f"{found[0]} {found[1]}" if found else line for found, line in zip(defaults, lines, strict=True)]
     place = re.sub("/(srv|action)/", "/msg/", name)  # where a type without package is looked for
-    for line in lines:
+    for line, without_default in zip(lines, bare, strict=True):
         if is_deep(line):
             raise MessageError(f"brackets are nested more than {DEPTH} deep in {line.strip()[:80]!r}", type=name)
         try:
-            get_types_from_msg(line, place)
+            get_types_from_msg(without_default, place)
         except (TypesysError, ValueError, RecursionError):  # the latter two: numbers and depth without end
             text = f"cannot read {line.strip()[:200]!r}: a line is like float64[3] position, or uint8 RED=1"
             raise MessageError(text, type=name) from None
-    ((constants, fields),) = get_types_from_msg("\n".join(lines), place).values()
-    defaults = dict(filter(None, map(_default, lines)))
-    result = from_rosbags(name, constants, fields, defaults)
+    ((constants, fields),) = get_types_from_msg("\n".join(bare), place).values()
+    result = from_rosbags(name, constants, fields, {})
+    written = {field: text for _, field, text in filter(None, defaults)}
     seen = set[str]()
     for entry in result.fields:
         base = entry.base.rpartition("/")[2]
@@ -210,18 +214,49 @@ def _message(lines: list[str], name: str) -> Definition:
             raise MessageError(text, type=name, field=entry.name)
         if entry.name in seen:
             raise MessageError("there are two fields of this name", type=name, field=entry.name)
+        if entry.is_message and entry.name in written:
+            raise MessageError("expected no default: only primitives have one", type=name, field=entry.name)
         seen.add(entry.name)
-    return result
+    own = {
+        field.name: _default_of(field, written[field.name], name) for field in result.fields if field.name in written
+    }
+    return replace(result, defaults=MappingProxyType(own))
 
 
-def _default(line: str) -> tuple[str, Any] | None:
-    """The name and default of a field in a line of a `.msg` file: ``float64 w 1.0``. None if the line has none."""
-    match = re.match(r"\s*[^#\s]\S*\s+(\w+)\s+([^=#\s].*)", line)
-    if match is None:
-        return None
-    import yaml
+def _default(line: str) -> tuple[str, str, str] | None:
+    """The type and name of a field in a line of a `.msg` file, and its default: ``float64 w 1.0``. None without one."""
+    match = re.fullmatch(r"\s*(\S+)\s+(\w+)\s+([^=\s][^=]*)", line.partition("#")[0].rstrip())
+    return None if match is None else (match[1], match[2], match[3])
 
-    try:
-        return match[1], yaml.safe_load(match[2])
-    except yaml.YAMLError:
-        return match[1], match[2]
+
+_ITEM = re.compile(r"""\s*("(?:\\"|[^"])*"|'(?:\\'|[^'])*'|[^,]+)\s*,?""")
+
+
+def _default_of(field: Field, text: str, type: str) -> Any:
+    """A default as rosidl_adapter reads it (its parser.py): a text is taken as it is, only its outer quotes go."""
+    from fame.middleware.primitives import Misfit, converter
+
+    if field.shape != "single" and text[0] + text[-1] == "[]":
+        items = _ITEM.findall(text[1:-1]) if field.base == "string" else text[1:-1].split(",")
+        default: Any = [_default_item(field.base, item.strip()) for item in items if item]
+    else:
+        default = _default_item(field.base, text) if field.shape == "single" else text
+    with suppress(Misfit):  # a default that does not fit is refused with the class of the message
+        old, new = (converter(field)(value) for value in (earlier(text), default))
+        note_change(text, f"{type}: {field.name}", new, old)
+    return default
+
+
+def _default_item(base: str, text: str) -> Any:
+    """One value; a text that is none of its type is refused later, with the class of the message."""
+    if base == "string":
+        quote = text[:1] if text[:1] in ("'", '"') and text[-1:] == text[:1] else ""
+        return text[1:-1].replace(f"\\{quote}", quote) if quote else text
+    if base == "bool":
+        return text.lower() in ("true", "1") if text.lower() in ("true", "1", "false", "0") else text
+    for read in (float,) if base.startswith("float") else (int, lambda number: int(number, 0)):
+        try:
+            return read(text)
+        except ValueError:
+            pass
+    return text

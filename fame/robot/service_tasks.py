@@ -17,14 +17,16 @@ then it is BpmnError ``still_running``. Without it the goal is sent at once: a s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 from fame.bpmn.model import DataObject, Process, Task, Topic
+from fame.config.loader import parse_document
 from fame.engine.data import UNDEFINED, match, variable_name
 from fame.engine.host import BpmnError
 from fame.engine.program import Compiled
-from fame.errors import MessageError, ModelError
+from fame.errors import ConfigError, MessageError, ModelError
 from fame.middleware.messages import is_action
 from fame.scripting import Inbox
 from fame.scripting.requests import Act, Call, GoalError, ScriptRequest, check_seconds
@@ -111,12 +113,9 @@ def _error_codes(task: Task, file: str) -> Mapping[str | int, str]:
     text = task.properties.get("errors", "").strip()
     if not text:
         return {}
-    import yaml
-
-    try:
-        codes = yaml.safe_load(text)
-    except yaml.YAMLError:
-        codes = None
+    codes: Any = None
+    with suppress(ConfigError):
+        codes = parse_document(text).data
     valid = isinstance(codes, dict) and all(isinstance(key, str | int) for key in codes)
     if not valid or not all(isinstance(code, str) and code for code in codes.values()):
         expected = "expected a mapping such as {rejected: nav2.goal_rejected, 208: nav2.no_valid_path}"

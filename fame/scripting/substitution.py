@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache, partial
 from typing import Any
 
+from fame.config.scalars import core_loader, scalar
 from fame.engine.data import UNDEFINED
 from fame.scripting.data import Evaluate, Undefined, to_text
 from fame.scripting.feel import FEEL
@@ -232,31 +233,7 @@ def _plainly(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-# ---- literals: scalars and flow collections of YAML ------------------------------------------------------------------
-
-
-_INTEGER = re.compile(r"[-+]?[0-9]+")
-_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-_BASED = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
-_WORDS: dict[str, Any] = {"": None, "~": None, "null": None, "Null": None, "NULL": None}
-_WORDS |= {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
-_WORDS |= {f"{sign}.{word}": float(f"{sign}inf") for sign in ("", "+", "-") for word in ("inf", "Inf", "INF")}
-_WORDS |= {f".{word}": float("nan") for word in ("nan", "NaN", "NAN")}
-
-
-def scalar(text: str) -> Any:
-    """Return the value of a plain scalar (YAML 1.2.2, section 10.3.2).
-
-    >>> scalar("2"), scalar("1e3"), scalar("true"), scalar("on"), scalar("~")
-    (2, 1000.0, True, 'on', None)
-    """
-    if text in _WORDS:
-        return _WORDS[text]
-    if _INTEGER.fullmatch(text):
-        return int(text) if len(text) < 4000 else float(text)
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    return int(text, 0) if _BASED.fullmatch(text) else text
+# ---- flow collections of YAML ----------------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=1024)
@@ -282,17 +259,13 @@ def flow(text: str) -> Any:
 def _loader() -> Any:
     import yaml
 
-    class Core(yaml.SafeLoader):
-        """Plain scalars by `scalar`, quoted ones as texts, and no aliases."""
-
-        yaml_implicit_resolvers = {}  # noqa: RUF012 - the loader's way to have resolvers of its own
+    class Flow(core_loader()):  # type: ignore[misc]
+        """Without aliases."""
 
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.check_event(yaml.AliasEvent):
-                event = self.peek_event()  # type: ignore[no-untyped-call]
+                event = self.peek_event()
                 raise yaml.composer.ComposerError(None, None, f"an alias (*{event.anchor})", event.start_mark)
             return super().compose_node(parent, index)
 
-    Core.add_implicit_resolver("tag:fame:plain", re.compile(""), None)
-    Core.add_constructor("tag:fame:plain", lambda loader, node: scalar(node.value))
-    return Core
+    return Flow

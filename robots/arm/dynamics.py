@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from fame.config.loader import read_document
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain, load_chain
 from robots.arm.kinematics import rotations
@@ -65,7 +65,7 @@ def _shifted(mass: float, away: Floats) -> Floats:
 
 def load_arm(path: Path) -> Arm:
     """Load an arm from a YAML file like ``ur5e.yaml``."""
-    data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    data: Any = read_document(path).data
     joints = data["joints"]
     bodies = [_body(joint) for joint in joints]
     bodies[-1] = joined(bodies[-1], _body(data["gripper"]))
