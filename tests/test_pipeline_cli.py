@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -17,10 +18,11 @@ import pytest
 import yaml
 from domains import PROCESSES as DOMAIN
 
-from fame.cli import main
-from fame.clock import SECOND
+from fame.cli import main, ros
+from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import load
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import make_processors
@@ -225,6 +227,31 @@ def test_a_node_in_another_process_filters_and_its_parameters_change_from_a_thir
     assert "low_pass: cutoff is 5.0 now" in said
 
 
+@pytest.mark.parametrize(
+    ("words", "sent"),
+    [
+        (["'1e-3'", "--count", "2"], ["1e-3"] * 2),
+        (["data: NO"], ["NO"]),
+        ([], [""]),
+        (["x", "--rate", "4", "--duration", "1"], ["x"] * 4),
+    ],
+)
+def test_messages_are_published_once_or_at_a_rate(
+    words: list[str], sent: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scheduler = Scheduler()
+    middleware, heard = LocalMiddleware(scheduler), list[str]()
+    monkeypatch.setattr(ros, "connected", lambda arguments: nullcontext((scheduler, middleware)))
+    topic = ["topic", "pub", "x", "std_msgs/msg/String", *words]
+    if "--rate" not in words:
+        assert main(topic) == 1
+        assert "nobody subscribes to /x with the type std_msgs/msg/String" in capsys.readouterr().err
+    middleware.node("listener").subscription("/x", "std_msgs/msg/String", lambda message: heard.append(message.data))
+    assert main(topic) == 0
+    assert heard == sent
+    assert capsys.readouterr().out.startswith(f"/x: {len(sent)} message")
+
+
 @pytest.mark.processes
 @pytest.mark.dds
 def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_pass: Path) -> None:
@@ -256,6 +283,9 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
         (["monitor", "process", "x.yaml", "--set", "cutoff=!!timestamp 2026-13-45"], "is not valid YAML"),
         (["monitor", "process", "x.yaml", "--frequency", "1e12"], "--frequency: expected a number from"),
         (["monitor", "process", "x.yaml", "--frequency", "1e-300"], "--frequency: expected a number from"),
+        (["topic", "pub", "/x", "std_msgs/msg/String", "[1"], "expected YAML as VALUES, got '[1'"),
+        (["topic", "pub", "/x", "std_msgs/msg/Strin", "x"], "there is no such message type; did you mean"),
+        (["topic", "pub", "/x", "geometry_msgs/msg/Twist", "{linear: {q: 1}}"], "linear.q: there is no such field"),
         (["topic", "list", "--duration", "1e300"], "--duration: expected a number above 0, got '1e300'"),
         (["monitor", "record", "x.yaml", "-o", "http://localhost:abc/robots"], "expected http://host:8086/database"),
     ],

@@ -93,6 +93,24 @@ def test_cells_of_a_topic_that_said_nothing_are_empty(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("output", ["runs.csv", "runs.mcap", "runs"])
+def test_what_heard_nothing_leaves_nothing_behind(tmp_path: Path, output: str) -> None:
+    bench, of = Bench(), configuration(tmp_path)
+    for _ in range(2):
+        bench.record(of, tmp_path / output).close()
+        assert [path.name for path in tmp_path.iterdir()] == ["joints.yaml"]
+
+
+def test_an_empty_file_is_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "runs.csv").touch()  # of a process that was killed
+    bench = Bench()
+    node = bench.record(configuration(tmp_path), tmp_path / "runs.csv")
+    bench.joints(0.1, 1.0, 2.0)
+    bench.run()
+    node.close()
+    assert (tmp_path / "runs.csv").read_text().startswith("stamp,run")
+
+
 def test_a_topic_that_stays_silent_has_no_columns_and_that_is_said(tmp_path: Path) -> None:
     bench = Bench()
     node = bench.record(configuration(tmp_path, Force=FORCE, Efforts=EFFORTS), tmp_path / "runs.csv")

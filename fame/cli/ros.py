@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_types, command, natural, positive
-from fame.cli.network import add_network, connected
+from fame.cli.network import add_network, connected, wait_until
 from fame.cli.output import print_json, table
 from fame.errors import ConfigError, MissionError
 
 if TYPE_CHECKING:
-    from fame.clock import Scheduler
+    from fame.clock import Scheduler, WallScheduler
     from fame.middleware.interface import Middleware
 
 
@@ -94,47 +96,63 @@ _TOPIC_EXAMPLES = (
     "fame topic list",
     "fame topic echo /joint_states --field effort.elbow_joint",
     "fame topic hz /joint_states",
+    "fame topic pub /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.2}}' --rate 10",
     "fame topic plot /encoder_loss:data /joint_states:effort --duration 20 -o loss.png",
 )
 
 
 def add_topic(commands: Commands) -> None:
-    """Declare the command and its four subcommands."""
+    """Declare the command and its five subcommands."""
     parser = command(
         commands,
         "topic",
         run_topic,
         examples=_TOPIC_EXAMPLES,
-        help="inspect topics",
+        help="inspect topics, and publish on them",
     )
-    parts = parser.add_subparsers(metavar="list|echo|hz|plot", required=True)
+    parts = parser.add_subparsers(metavar="list|echo|hz|pub|plot", required=True)
     listing = parts.add_parser("list", help="list topics with types, publishers and subscribers")
     echo = parts.add_parser("echo", help="print the messages on a topic")
     hz = parts.add_parser("hz", help="print the rate of messages on a topic")
+    pub = parts.add_parser("pub", help="publish a message: once, as soon as somebody subscribes, or at a rate")
     plot = parts.add_parser("plot", help="draw numbers of messages over time")
-    for part in (echo, hz):
+    for part in (echo, hz, pub):
         part.add_argument("topic", metavar="TOPIC")
         part.add_argument("--count", type=natural, default=0, metavar="N", help="end after N messages")
+    pub.add_argument("message_type", metavar="TYPE", help="such as geometry_msgs/msg/Twist")
+    pub.add_argument(
+        "values",
+        nargs="?",
+        metavar="VALUES",
+        help="its fields as YAML or JSON, such as '{linear: {x: 0.2}}', or a number",
+    )
+    pub.add_argument("--rate", type=positive, metavar="HZ", help="publish until interrupted, --count or --duration")
     echo.add_argument("--field", metavar="PATH", help="print only this field, such as effort.3 or pose.position.x")
     plot.add_argument("series", nargs="+", metavar="TOPIC:PATH", help="such as /joint_states:effort.elbow_joint")
     plot.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.png")
     plot.add_argument(
         "--threshold", type=float, action="append", default=[], metavar="X", help="draw a horizontal line at this value"
     )
-    for part, seconds in ((listing, 1.0), (echo, None), (hz, None), (plot, 10.0)):
+    for part, seconds in ((listing, 1.0), (echo, None), (hz, None), (pub, None), (plot, 10.0)):
         standard = f"(default: {seconds:g})" if seconds else "(default: until interrupted)"
         part.add_argument(
-            "--duration", type=positive, default=seconds, metavar="S", help=f"seconds to listen {standard}"
+            "--duration",
+            type=positive,
+            default=seconds,
+            metavar="S",
+            help="seconds to publish, or without --rate to wait for a subscriber (default: 5)"
+            if part is pub
+            else f"seconds to listen {standard}",
         )
         add_types(part)
         add_network(part)
     add_json(listing)
-    for part, show in ((listing, _list_topics), (echo, _echo), (hz, _hz), (plot, _plot)):
+    for part, show in ((listing, _list_topics), (echo, _echo), (hz, _hz), (pub, _publish), (plot, _plot)):
         part.set_defaults(part=show)
 
 
 def run_topic(arguments: Namespace) -> int:
-    """Subscribe, and print the result."""
+    """Subscribe, and print the result; or publish."""
     with connected(arguments) as (scheduler, middleware):
         code: int = arguments.part(arguments, scheduler, middleware)
         return code
@@ -203,6 +221,45 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
     code = _listen(arguments, scheduler, middleware, type, on_message)
     print(times.text(float("inf")) or f"{arguments.topic}: silent", flush=True)
     return code if len(times.times) > 1 else 1
+
+
+def _publish(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> int:
+    """Publish a message. Raises MissionError if nobody subscribes to what is published once."""
+    from fame.clock import SECOND
+    from fame.middleware import messages
+    from fame.middleware.interface import resolve
+    from fame.scripting.substitution import flow
+
+    try:
+        message = messages.create(arguments.message_type, flow(arguments.values or ""))
+    except ValueError as error:
+        raise ConfigError(f"expected YAML as VALUES, got {arguments.values!r}: {error}") from None
+    topic = resolve(arguments.topic, "")
+    publisher = middleware.node("_fame_topic").publisher(topic, messages.type_name(message))
+    if not arguments.rate and not wait_until(scheduler, publisher.subscriber_count, arguments.duration or 5.0):
+        raise MissionError(f"nobody subscribes to {topic} with the type {publisher.type}")
+    sent = 0
+
+    def publish() -> None:
+        nonlocal sent
+        publisher.publish(message)
+        sent += 1
+        if sent < (arguments.count or (inf if arguments.rate else 1)):
+            scheduler.after(round(SECOND / (arguments.rate or _OFTEN)), publish)
+        else:
+            scheduler.after(SECOND // 5, scheduler.stop)  # until the last one has arrived
+
+    scheduler.after(0, publish)
+    if not arguments.rate:
+        arguments.duration = None  # which was that of the wait
+    with suppress(KeyboardInterrupt):
+        _run(arguments, scheduler)
+    print(f"{topic}: {'1 message' if sent == 1 else f'{sent} messages'}")
+    return 0
+
+
+_OFTEN = 10.0
+"""The rate (Hz) of several messages, if none is given."""
 
 
 def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:

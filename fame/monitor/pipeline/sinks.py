@@ -121,7 +121,7 @@ class CsvFile:
         self.first_run, self._header = 0, ""
         if append and path.exists():
             self._header, self.first_run = _recover(path)
-        elif path.exists():
+        elif path.exists() and path.stat().st_size:
             raise ConfigError("exists already; use --append to continue it", file=str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
@@ -158,11 +158,15 @@ class CsvFile:
                 raise ConfigError(f"cannot be written: {error.strerror}", file=str(self.path)) from None
 
     def close(self) -> None:
-        """Write the rest."""
-        if self._waiting:
-            self._begin()
-        self.flush()
-        os.close(self._file)
+        """Write the rest. A file that nothing was written to is removed: nobody takes it for a recording."""
+        try:
+            if self._waiting:
+                self._begin()
+            self.flush()
+        finally:
+            if not os.fstat(self._file).st_size:
+                self.path.unlink(missing_ok=True)
+            os.close(self._file)
 
     def _begin(self) -> None:
         waiting, self._waiting = self._waiting or [], None
@@ -268,12 +272,15 @@ class BagWriter:
         return RowsStored(self.count, 0)
 
     def close(self) -> None:
-        """Finish the bag."""
+        """Finish the bag; one without messages is removed."""
         self._writer.close()
         if self._folder is not None:
             (made,) = (self._folder / "bag").glob("*.mcap")
-            made.replace(self.path)
+            if self.count:
+                made.replace(self.path)
             shutil.rmtree(self._folder)
+        elif not self.count:
+            shutil.rmtree(self.path)
 
 
 class Influx:
