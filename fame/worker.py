@@ -8,8 +8,6 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
-from fame.cpython import raise_in
-
 Done = Callable[[Any, Exception | None], object]
 """Gets the result of a function, or its error, in the scheduler's thread."""
 
@@ -48,6 +46,8 @@ class ThreadWorker(Worker):
 
     def interrupt(self) -> None:
         if self._thread is not None:
+            from fame.cpython import raise_in
+
             raise_in(self._thread, Interrupted)
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from bpmn_text import process
 from domains import PROCESSES
 
 ROOT = Path(__file__).parent.parent
@@ -238,3 +239,34 @@ def test_nothing_heavy_is_loaded(code: str) -> None:
     loaded = set(done.stderr.split())
     assert "fame" in loaded
     assert loaded & HEAVY == set()
+
+
+HELP = {"cli", "errors", "imports", "text"}
+CHECK = {*HELP, "bpmn", "check", "clock", "config", "engine", "iso8601", "middleware", "monitor", "properties", "robot",
+         "scripting", "worker"}  # fmt: skip
+ROOMS = {"--help": HELP, "check": CHECK, "run": {*CHECK, "gc_tuning", "randomness", "scenario"}}
+"""The packages and modules of FAME that a command may load for a process of one task."""
+ELSEWHERE = {"lxml", "cython_runtime"}
+LATE = {
+    *("ctypes", "hashlib", "html", "importlib.metadata", "subprocess", "uuid"),
+    *("fame.properties.judge", "fame.robot.acknowledged", "fame.scripting.feel", "fame.scripting.javascript"),
+}
+"""What a process of one task needs none of, and what takes longer to load than the task."""
+
+
+@pytest.mark.parametrize("command", ROOMS)
+def test_a_command_loads_what_its_process_needs(command: str, tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(process('<startEvent id="s"/>'))
+    arguments = [command, *[str(tmp_path / "m.bpmn")] * (command != "--help")]
+    code = (
+        "import sys; before = set(sys.modules)\nfrom fame.cli import main\n"
+        f"try: main({arguments})\nexcept SystemExit: pass\n"
+        "print(*set(sys.modules) - before, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = set(done.stderr.split())
+    rooms = {name.split(".")[1] for name in loaded if name.startswith("fame.")}
+    others = {name.split(".")[0] for name in loaded} - set(sys.stdlib_module_names) - {"fame"}
+    assert rooms <= ROOMS[command]
+    assert {name for name in others if not name.startswith("_")} <= ELSEWHERE
+    assert loaded & LATE == ({"importlib.metadata"} if command == "check" else set())  # of checks of other packages

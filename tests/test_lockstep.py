@@ -16,8 +16,8 @@ from middleware_contract import WallWorld, dds_world, needs, zenoh_world
 from fame.cli import main
 from fame.clock import SECOND, Scheduler
 from fame.middleware.local import LocalMiddleware
-from fame.middleware.messages import create
-from fame.middleware.simulated_time import STEP_DONE, STEP_DONE_TYPE, ClockFollower, nanoseconds
+from fame.middleware.messages import create, nanoseconds
+from fame.middleware.simulated_time import STEP_DONE, STEP_DONE_TYPE, ClockFollower
 from fame.scenario.world_process import LockstepRounds, WorldNode
 from sim2d.config import world_config
 

@@ -20,8 +20,8 @@ from fame.cli import main
 from fame.clock import SECOND, Kind, Scheduler
 from fame.middleware.interface import Node
 from fame.middleware.local import LocalMiddleware
-from fame.middleware.messages import create
-from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, ClockFollower, clock_message, nanoseconds
+from fame.middleware.messages import create, nanoseconds
+from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, ClockFollower, clock_message
 from fame.robot import RobotNode, make_mission
 from fame.robot.options import RobotOptions
 from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldNode

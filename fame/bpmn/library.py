@@ -12,7 +12,6 @@ calls may therefore be broken. A model that was sent has no folder, and nothing 
 from __future__ import annotations
 
 import difflib
-import html
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -272,10 +271,12 @@ def _content(path: Path) -> bytes:
 
 def _process_ids(content: bytes) -> frozenset[str]:
     """The ids that the processes of a file seem to have: a comment counts, too."""
+    from html import unescape
+
     if b"\0" in content or _OTHER_ENCODING.match(content):
         content = _as_utf8(content)
     ids = (part for found in _PROCESS.finditer(content) for pair in _ID.findall(found[1]) for part in pair if part)
-    return frozenset(html.unescape(id.decode(errors="replace")) for id in ids)
+    return frozenset(unescape(id.decode(errors="replace")) for id in ids)
 
 
 def _as_utf8(content: bytes) -> bytes:

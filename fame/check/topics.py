@@ -32,7 +32,6 @@ from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name
-from fame.scripting.substitution import is_text, payload
 from fame.text import NAMES, is_ros_name
 
 
@@ -217,6 +216,8 @@ def _messages(process: CheckedProcess, *, throws: bool) -> dict[str, list[TopicE
 
 def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expression, type: str) -> Iterator[Finding]:
     """Check the payload of an event or task, unless its type is unknown."""
+    from fame.scripting.substitution import is_text, payload
+
     if expression.text.lstrip().startswith("="):  # FEEL is computed, all of it
         return
     computed: list[str] = []

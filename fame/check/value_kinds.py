@@ -28,7 +28,6 @@ from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name
-from fame.scripting.substitution import payload
 
 _MOST = 16
 """The largest number of sample combinations tried for a payload."""
@@ -263,6 +262,8 @@ def _misfits(end: TopicEndpoint, known: _Samples, types: Mapping[str, str]) -> I
     values = [[sample.value for sample in known[name]] for name in names]
     if not names or math.prod(map(len, values)) > _MOST:
         return
+    from fame.scripting.substitution import payload
+
     try:
         evaluate = payload(expression.text, lambda variables, path, error: None)[0]
         if _error(evaluate({}), type) is not None:  # reported as an error

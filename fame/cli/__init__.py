@@ -99,6 +99,8 @@ COMMANDS = tuple(
     name for group, names in GROUPS.items() for name in ((group,) if group in _PARTS else ()) + tuple(names)
     if group != "monitor" or name == group
 )  # fmt: skip
+_HELP = ("-h", "--help", "--version")
+"""What needs the commands of missions alone: the others are listed by their names."""
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 
@@ -111,7 +113,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with _noting_interrupts() as interrupts, _noting_changed_values():
         try:
             alone = len(given) == 1 and given[0] in (*_PARTS, "log")
-            arguments = parser(*given[:2]).parse_args([*given, "--help"] if alone else given or ["--help"])
+            given = given or ["--help"]
+            arguments = parser(*given[:2]).parse_args([*given, "--help"] if alone else given)
             arguments.command_line = shlex.join(["fame", *given])
             project.apply(arguments)
             register_types(arguments)
@@ -194,7 +197,7 @@ def parser(name: str = "", part: str = "") -> Parser:
     top = _Top(prog="fame")
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for group, declarations in GROUPS.items():
+    for group, declarations in GROUPS.items() if name not in _HELP else [("mission", GROUPS["mission"])]:
         if group in _PARTS and (name == group or name not in COMMANDS):
             about, example = _PARTS[group]
             made = add_group(commands, group, help=about, examples=(example,))

@@ -9,7 +9,6 @@ import io
 import json
 import os
 import re
-import shutil
 import sys
 import threading
 import time
@@ -210,6 +209,8 @@ class ProgressLine:
                 self._write(self._text)
 
     def _write(self, text: str) -> None:
+        import shutil
+
         width = shutil.get_terminal_size().columns - 1
         _show(self._stream, _WIPE + text[:width] if self._draws else f"{text}\n")
 
@@ -246,6 +247,8 @@ class LiveTable:
     def show(self, text: str) -> None:
         """Draw it in place of what was drawn last."""
         if self._draws and self._stream is not None:
+            import shutil
+
             size = shutil.get_terminal_size()
             lines = [line[: size.columns - 1] for line in text.splitlines()[: size.lines - 1]]
             self._wipe()

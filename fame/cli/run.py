@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator, Sequence
@@ -11,7 +10,6 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import (
@@ -282,6 +280,8 @@ def _seen(sight: TeamStatus) -> str:
         lines += [
             (str(pid) if number == 0 else "", *row, *[""] * (len(HEADS) - len(row))) for number, row in enumerate(found)
         ]
+    import shutil
+
     width = shutil.get_terminal_size().columns
     return f"{sight.time:.1f} s\n{table_within(width, ('process', *HEADS), lines, _SPARE)}"
 
@@ -289,6 +289,8 @@ def _seen(sight: TeamStatus) -> str:
 @contextmanager
 def _log_files(arguments: Namespace, *, recorded: bool = False) -> Iterator[list[Path]]:
     """The logs to write: those that are wanted, and a recording as long as needed, for drawings or if `recorded`."""
+    from tempfile import TemporaryDirectory
+
     with TemporaryDirectory(prefix="fame-") if _drawings(arguments) or recorded else nullcontext("") as folder:
         needs_one = folder and not any(path.suffix.lower() == ".mcap" for path in arguments.log)
         yield [*arguments.log, *([Path(folder) / "run.mcap"] if needs_one else [])]
@@ -338,10 +340,13 @@ def _drawings(arguments: Namespace) -> list[Path]:
 def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
     """Complain about drawings, and packages that are missing for them or the world, before anything is written."""
     from fame.imports import require
-    from fame.scenario.films import FILMS, PICTURE, check_film
 
     if scenario.world is not None:
         require("pymunk")
+    if not _drawings(arguments):
+        return
+    from fame.scenario.films import FILMS, PICTURE, check_film
+
     for path, endings in ((arguments.picture, (PICTURE,)), (arguments.animate, FILMS)):
         if path is not None:
             check_film(path, endings, arguments.show)
@@ -351,11 +356,11 @@ def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
 
 def _draw(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None) -> None:
     """Make the wanted drawings of the recording among the logs."""
-    from fame.scenario.films import draw_film
-
     recordings = [path for path in logs if path.suffix.lower() == ".mcap" and path.exists()][:1]
     title = arguments.scenario.stem.replace("_", " ").capitalize()
     if drawings := _drawings(arguments):
+        from fame.scenario.films import draw_film
+
         for recording in recordings:
             progress = line.count_frames if line is not None else None
             draw_film(recording, *drawings, title=title, show=arguments.show, progress=progress)
@@ -366,7 +371,6 @@ def _draw(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None)
 
 def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
     """The summary on stdout; what scripts and robots reported, and what went wrong, on stderr."""
-    from fame.properties.judge import HEADS as HEADS_OF_PROPERTIES
     from fame.scenario.result import HEADS
 
     if not quiet:
@@ -380,6 +384,8 @@ def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
         ended = f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}"
         print(coloured(ended, sys.stdout), flush=True)
         if result.judgements:
+            from fame.properties.judge import HEADS as HEADS_OF_PROPERTIES
+
             print(f"\n{table(HEADS_OF_PROPERTIES, [each.row for each in result.judgements])}", flush=True)
     for message in result.messages:
         note(f"fame: {message}")

@@ -7,7 +7,6 @@ import importlib.util
 import sys
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import entry_points
 from os import PathLike
 from os.path import isfile
 from pathlib import Path
@@ -132,6 +131,8 @@ def registered(group: str) -> Mapping[str, str]:
 
     Raises ConfigError for a name that two packages give to different things.
     """
+    from importlib.metadata import entry_points
+
     found: dict[str, str] = {}
     for entry in entry_points(group=group):
         if found.setdefault(entry.name, entry.value) != entry.value:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from hashlib import sha256
 from typing import Any
 
 StepFunction = Callable[[Any, Any, Any], "Node | None"]
@@ -268,6 +267,8 @@ class Program:
     @cached_property
     def hash(self) -> str:
         """The hash of the models that it was compiled from, or its name."""
+        from hashlib import sha256
+
         return self.name or sha256(repr(self.sources).encode()).hexdigest()
 
     @cached_property

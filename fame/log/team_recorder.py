@@ -21,8 +21,9 @@ from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
 from fame.log.recording_file import Sink
 from fame.middleware.interface import ENGINE, LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Middleware, QoS, TopicInfo
+from fame.middleware.messages import nanoseconds
 from fame.middleware.qos import requested_of
-from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
+from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE
 from fame.middleware.typesystem import STRING
 from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
 from fame.scripting.transforms import TOPICS as TF_TOPICS

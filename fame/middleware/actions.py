@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
-from uuid import uuid4
 
 from fame.errors import MessageError
 from fame.middleware import messages
@@ -137,6 +136,8 @@ class Goal:
         *,
         accepted: bool = False,
     ) -> None:
+        from uuid import uuid4
+
         self.id, self.feedback = id or uuid4().bytes, feedback
         self._client, self._on_end = client, on_end
         self._accepted, self._awaits_result, self.refused = accepted, False, False

@@ -152,6 +152,11 @@ def is_wrapper(type: str) -> bool:
 # ---- the classes of messages -----------------------------------------------------------------------------------------
 
 
+def nanoseconds(time: Any) -> int:
+    """Return the nanoseconds of a builtin_interfaces/msg/Time."""
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
 @cache
 def _class(name: str) -> type[Message]:
     content = typesystem.definition(name)

@@ -112,7 +112,9 @@ class ClockFollower(Scheduler):
 
     def subscribe(self, node: Node) -> None:
         """Follow the clock, by a subscription of this node."""
-        node.subscription(CLOCK, CLOCK_TYPE, lambda message: self.on_clock(nanoseconds(message.clock)), _FOLLOWER_QOS)
+        node.subscription(
+            CLOCK, CLOCK_TYPE, lambda message: self.on_clock(messages.nanoseconds(message.clock)), _FOLLOWER_QOS
+        )
 
     def subscribe_in_lockstep(self, node: Node, lockstep: Lockstep) -> None:
         """Follow the clock step by step, and report each step as done. The first message only sets the time.
@@ -124,7 +126,7 @@ class ClockFollower(Scheduler):
 
         def step(message: AnyMessage) -> None:
             nonlocal last, begun
-            time = nanoseconds(message.clock)
+            time = messages.nanoseconds(message.clock)
             if last < 0:
                 self.on_clock(time)
             elif time != last or not begun:  # the first step is at the initial time
@@ -160,11 +162,6 @@ class ClockFollower(Scheduler):
                 "or there is a second one; timers wait for the rest of their time"
             )
             self.on_jump(EndpointWarning("", text, "clock"))
-
-
-def nanoseconds(time: AnyMessage) -> int:
-    """Return the nanoseconds of a builtin_interfaces/msg/Time."""
-    return int(time.sec) * SECOND + int(time.nanosec)
 
 
 def clock_message(time: int) -> AnyMessage:

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.model import CallActivity, Process
 from fame.clock import SECOND, Kind, Scheduler
@@ -22,7 +22,6 @@ from fame.engine.state import Wait
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, MISSION, Middleware, Node, resolve
-from fame.robot.acknowledged import AcknowledgedSignals
 from fame.robot.endpoints import Endpoints, direct_topic
 from fame.robot.events import Event
 from fame.robot.host import EngineHost
@@ -32,6 +31,9 @@ from fame.robot.suspension import Suspension
 from fame.robot.waiting_tokens import WaitingToken, WaitingTokens
 from fame.scripting import Runner
 from fame.scripting.requests import STILL_RUNNING
+
+if TYPE_CHECKING:
+    from fame.robot.acknowledged import AcknowledgedSignals
 
 PendingStarts = Literal["", "endless", "due"]
 """The timers of start events that will still fire: none, only cycles without end, or others."""
@@ -87,6 +89,8 @@ class RobotNode:
         )
         self.acknowledged: AcknowledgedSignals | None = None
         if any(use.ttl for use in mission.types.values()):
+            from fame.robot.acknowledged import AcknowledgedSignals
+
             self.acknowledged = AcknowledgedSignals(self, options.membership)
         self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self.endpoints, options)
         self.host.acknowledged = self.acknowledged

@@ -7,7 +7,8 @@ the middleware delivers it to all others.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Scheduler
 from fame.engine import Engine
@@ -19,15 +20,16 @@ from fame.robot.endpoints import Endpoints
 from fame.robot.options import RobotOptions
 from fame.scripting import Robot, Runner, another
 from fame.scripting.interface import interface
-from fame.scripting.javascript import HOST_API, HostApi
-from fame.scripting.languages import MISSING
+from fame.scripting.languages import HOST_API, MISSING
+
+if TYPE_CHECKING:
+    from fame.scripting.javascript import HostApi
 
 
 class Scripts:
     """The scripts of one robot.
 
     runner      drives the steps of scripts that wait
-    javascript  the interface that only scripts in JavaScript find
     engine      to be set before the first script runs
     on_step     called when a script has gone on and waits again: variables may have changed
     robot       name of the robot, and its `node`
@@ -54,7 +56,8 @@ class Scripts:
         random, epoch, self._send = options.random or robot_random(0, node.namespace), options.epoch, send
         self.engine: Engine
         self.on_step: Callable[[], object] | None = None
-        self._namespace, self._endpoints = node.namespace, endpoints
+        self._namespace, self._endpoints, self._scheduler = node.namespace, endpoints, scheduler
+        self._log, self._report, self._has_javascript = log, report, False
         self.runner: Runner = Runner(
             scheduler,
             node,
@@ -63,26 +66,33 @@ class Scripts:
             report=lambda key, text: report("", text),
             types=endpoints.type,
         )
-        self.javascript: HostApi = HostApi(
-            name=robot,
-            namespace=node.namespace,
-            epoch=epoch.timestamp() * 1000,
-            random=random,
-            scheduler=scheduler,
+        clock = lambda: scheduler.now / SECOND  # noqa: E731
+        self._robot = Robot(robot, node.namespace, self._publish, self.runner.inbox, clock, epoch, random)
+        own = {HOST_API: lambda: self.javascript, MISSING: missing}
+        self._builtins = interface(robot=self._robot, signal=self._signal, log=log) | own
+
+    @cached_property
+    def javascript(self) -> HostApi:
+        """The interface that only scripts in JavaScript find, made when the first of them runs."""
+        from fame.scripting.javascript import HostApi
+
+        self._has_javascript = True
+        return HostApi(
+            name=self._robot.name,
+            namespace=self._namespace,
+            epoch=self._robot._epoch.timestamp() * 1000,
+            random=self._robot.random,
+            scheduler=self._scheduler,
             inbox=self.runner.inbox,
-            advertise=lambda topic, type: endpoints.publisher(resolve(topic, node.namespace), type),
+            advertise=lambda topic, type: self._endpoints.publisher(resolve(topic, self._namespace), type),
             publish=self._publish,
-            log=log,
-            report=report,
+            log=self._log,
+            report=self._report,
             stepped=self.on_changed,
             lost=self._on_callback_lost,
             failed=self._on_callback_failed,
             alive=self._is_alive,
         )
-        clock = lambda: scheduler.now / SECOND  # noqa: E731
-        api = Robot(robot, node.namespace, self._publish, self.runner.inbox, clock, epoch, random)
-        own = {HOST_API: self.javascript, MISSING: missing}
-        self._builtins = interface(robot=api, signal=self._signal, log=log) | own
 
     def variables(self) -> dict[str, Any]:
         """Return the variables of a new instance: the interface of its scripts alone."""
@@ -90,12 +100,14 @@ class Scripts:
 
     def forget(self, variables: dict[str, Any]) -> None:
         """Take the interface of scripts out of the variables of an ended instance, unless JavaScript still needs it."""
-        self.javascript.sweep()
-        if not self.javascript.realms:
+        if self._has_javascript:
+            self.javascript.sweep()
+        if not (self._has_javascript and self.javascript.realms):
             variables.pop("__builtins__", None)
 
     def close(self) -> None:
-        self.javascript.close()
+        if self._has_javascript:
+            self.javascript.close()
         self.runner.close()
 
     def _on_ended(self, key: int, error: BaseException | None) -> None:

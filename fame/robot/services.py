@@ -11,7 +11,6 @@ know about services. A service that has ended by itself calls `ServiceContext.ch
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -86,6 +85,8 @@ class CommandService:
         arguments: Sequence[str],
         results: Callable[[Mapping[str, Any]], Mapping[str, Any]],
     ) -> None:
+        import subprocess
+
         self._context, self._to_variables, self._name = context, results, " ".join(arguments[:2])
         command = [sys.executable, "-m", "fame", *arguments, "--json", "--no-project"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -8,13 +8,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
 from fame.middleware.interface import TopicInfo
-from fame.properties.judge import exit_code
 from fame.robot import Event, PendingStarts, WaitingToken
 from fame.robot.waiting_tokens import A_PERSON
 
@@ -117,10 +115,14 @@ class Result:
         Of a run that was cut while a property is violated it is that of the property, of one that ended at its
         duration also while one is pending.
         """
+        own = {"completed": 0, "interrupted": 130}.get(self.status, 1)
+        if not self.judgements:
+            return own
+        from fame.properties.judge import exit_code
+
         cut = {"completed": {"violated", "pending"}, "timeout": {"violated", "pending"}, "interrupted": {"violated"}}
         if cut.get(self.status, set()) & {each.verdict for each in self.judgements}:
             return exit_code(self.judgements)
-        own = {"completed": 0, "interrupted": 130}.get(self.status, 1)
         return own or exit_code(self.judgements)
 
     @property
@@ -191,6 +193,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return a table with a row for each robot, for notebooks."""
+        from html import escape
 
         def line(tag: str, cells: Iterable[object]) -> str:
             return f"<tr>{''.join(f'<{tag}>{escape(str(cell))}</{tag}>' for cell in cells)}</tr>"

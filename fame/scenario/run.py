@@ -26,7 +26,6 @@ from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.events import Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
 from fame.scenario.film_captions import Captions
-from fame.scenario.judging import RunJudge, RunWatches
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
 from fame.scenario.process import signals_call
 from fame.scenario.result import Progress, Result, at_rest, mistyped_topics, never_started, robot_result, status_of
@@ -34,6 +33,7 @@ from fame.scripting import heartbeat
 
 if TYPE_CHECKING:
     from fame.properties.judge import Judgement
+    from fame.scenario.judging import RunJudge, RunWatches
     from fame.scenario.plan import Plan
     from sim2d.world import World
 
@@ -88,8 +88,13 @@ class Run:
         self.captions: Captions | None = Captions(scenario.closures(), cast) if progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
-        self.judging: RunJudge | None = RunJudge(scenario, self._on_violation) if scenario.properties else None
-        self._watches: RunWatches | None = RunWatches(scenario) if _watches_properties(scenario) else None
+        self.judging: RunJudge | None = None
+        self._watches: RunWatches | None = None
+        if (watches := _watches_properties(scenario)) or scenario.properties:
+            from fame.scenario.judging import RunJudge, RunWatches
+
+            self.judging = RunJudge(scenario, self._on_violation) if scenario.properties else None
+            self._watches = RunWatches(scenario) if watches else None
         observers = [each for each in (captions, self.judging, self._watches, observer) if each is not None]
         self.observer: Observer | None = combine_observers(observers)
         self.dead: set[str] = set()

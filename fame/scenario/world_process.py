@@ -28,7 +28,6 @@ from fame.middleware.simulated_time import (
     STEP_DONE_TYPE,
     Lockstep,
     clock_message,
-    nanoseconds,
 )
 
 if TYPE_CHECKING:
@@ -209,7 +208,7 @@ class LockstepRounds:
         self._seen.add(message.frame_id)
         if message.frame_id in self._all:
             self.team[message.frame_id] = None
-        if nanoseconds(message.stamp) == self._time:
+        if messages.nanoseconds(message.stamp) == self._time:
             self._finish(message.frame_id)
 
     def _finish(self, robot: str) -> None:

@@ -1,20 +1,21 @@
-"""Choose the compiler of a text by its language."""
+"""Choose the compiler of a text by its language, which is imported when the first text in it comes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.model import Expression
 from fame.errors import ModelError
 from fame.scripting.data import Undefined, judged
-from fame.scripting.feel import FEEL
-from fame.scripting.grammar import ExpressionError, ExpressionParser, Parsed
-from fame.scripting.javascript import compile_javascript
-from fame.scripting.juel import JUEL
 from fame.scripting.python import Code, compile_python
-from fame.scripting.substitution import Missing, feel_payload, inside, payload, template, value
 
+if TYPE_CHECKING:
+    from fame.scripting.grammar import Parsed
+    from fame.scripting.substitution import Missing
+
+HOST_API = "__javascript__"
+"""The key in ``__builtins__`` of a function that gives the interface of scripts in JavaScript."""
 MISSING = "__missing__"
 """The key in ``__builtins__`` of a function (element, field, error), called when a payload leaves out a field."""
 
@@ -29,6 +30,8 @@ def compile_script(expression: Expression, *, file: str = "", element: str = "")
     if expression.language == "python":
         return compile_python(expression, "exec", file, element)
     if expression.language == "javascript":
+        from fame.scripting.javascript import compile_javascript
+
         return compile_javascript(expression, script=True, file=file, element=element)
     raise ModelError(f"a script cannot be written in {expression.language}; accepted are python and javascript",
                      file=file, line=expression.line, element=element)  # fmt: skip
@@ -43,12 +46,19 @@ def compile_expression(expression: Expression, *, file: str = "", element: str =
     if expression.language == "python":
         return compile_python(expression, "eval", file, element)
     if expression.language == "javascript":
+        from fame.scripting.javascript import compile_javascript
+
         return compile_javascript(expression, script=False, file=file, element=element)
     return parse_expression(expression, file=file, element=element)[0]
 
 
 def parse_expression(expression: Expression, *, file: str = "", element: str = "") -> Parsed:
     """As `compile_expression`, of any language that is ours; with the names that it reads, in order."""
+    from fame.scripting.feel import FEEL
+    from fame.scripting.grammar import ExpressionError, ExpressionParser
+    from fame.scripting.juel import JUEL
+    from fame.scripting.substitution import feel_payload, inside, payload, template, value
+
     text = expression.text
     try:
         match expression.language:

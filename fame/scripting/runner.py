@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
-from uuid import uuid4
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.engine.host import BpmnError, Cancelled, is_from_outside
@@ -453,6 +452,8 @@ class Runner:
             self._hear(task)
 
         def begin(id: bytes | None) -> None:
+            from uuid import uuid4
+
             id = id or uuid4().bytes
             follow(client.send(request.fields, partial(ended, id), on_feedback, id=id))
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, QoS
-from fame.middleware.simulated_time import nanoseconds
+from fame.middleware.messages import nanoseconds
 
 TF = "tf2_msgs/msg/TFMessage"
 TOPICS = {"/tf": QoS(), "/tf_static": QoS(durability="transient_local")}

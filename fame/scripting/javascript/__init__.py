@@ -19,11 +19,12 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.engine.data import BUILTINS, Variables
-from fame.scripting.javascript.commands import HOST_API, REALM, HostApi
+from fame.scripting.javascript.commands import REALM, HostApi
 from fame.scripting.javascript.realm import Realm
 from fame.scripting.javascript.source import JavaScriptError, SourceText, read_script
+from fame.scripting.languages import HOST_API
 
-__all__ = ["HOST_API", "HostApi", "JavaScriptError", "compile_javascript"]
+__all__ = ["HostApi", "JavaScriptError", "compile_javascript"]
 
 
 def compile_javascript(
@@ -54,5 +55,5 @@ def realm_of(variables: dict[str, Any]) -> Realm:
         names = variables[BUILTINS] = dict(vars(builtins))
     while isinstance(variables, Variables):
         variables = variables.outer
-    names[REALM] = Realm(variables, names.get(HOST_API))
+    names[REALM] = Realm(variables, names[HOST_API]() if HOST_API in names else None)
     return names[REALM]  # type: ignore[no-any-return]

@@ -23,9 +23,6 @@ from fame.scripting.requests import MOMENT, SERVICE_TIMEOUT, Inbox, MessageQueue
 if TYPE_CHECKING:
     from fame.scripting.javascript.realm import Realm
 
-HOST_API = "__javascript__"
-"""The name under which the script interface of the variables holds it."""
-
 REALM = "__realm__"
 """The name under which the script interface holds the realm of its scripts, once there is one."""
 
