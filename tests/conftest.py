@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from domains import DOMAIN
+from started import end_processes, mark
 
 from fame.gc_tuning import exempt, readmit, uncollected
 
@@ -27,6 +28,7 @@ if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # hundreds of processes wou
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # each worker has a core: threads would wait for each other
     os.environ.setdefault(threads, "1")
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)  # of this worker alone: a test that names no domain meets no other test
+mark()
 signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts the tests may have it ignored: nohup, a shell
 with suppress(ImportError):  # the tests on ROS have no hypothesis
     from hypothesis import HealthCheck, settings
@@ -79,6 +81,13 @@ def node_modules() -> Path:
     if shutil.which("node") is None or not (ROOT / "out" / "node" / "installed").exists():
         pytest.skip("needs the program node, and packages of npm: make test-node")
     return ROOT / "out" / "node" / "node_modules"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _ended_processes() -> Iterator[None]:
+    """End what the tests of a module have started, and not ended."""
+    yield
+    end_processes()
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 import runpy
+import signal
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+from started import end_processes
 
 PLAIN = {"PYTEST_ADDOPTS": "", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
 STAGE = Path(__file__).parent.parent / ".ci" / "stage.py"
@@ -152,3 +156,19 @@ def test_a_version_that_differs_from_the_constraints_is_named() -> None:
         "old not installed (the tests ran with 1.0)",
     ]
     assert versions["locked"]().keys() >= {"lxml", "mcap", "numpy", "pytest", "ruff"}
+
+
+# ---- what tests start ------------------------------------------------------------------------------------------------
+
+
+def test_what_tests_leave_is_ended_and_what_that_has_started() -> None:
+    with subprocess.Popen(["sh", "-c", "sleep 600 & wait"], stdout=subprocess.PIPE, start_new_session=True) as left:
+        end_processes()
+        assert left.communicate() == (b"", None)  # nobody has the other end of its pipe any more
+    assert left.returncode == -signal.SIGKILL
+
+
+def test_a_process_does_not_outlive_a_block_that_fails() -> None:
+    with pytest.raises(ZeroDivisionError), subprocess.Popen(["sleep", "600"]) as process:
+        assert 1 / 0
+    assert process.returncode == -signal.SIGKILL
