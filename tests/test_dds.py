@@ -343,10 +343,9 @@ def test_a_message_older_than_its_lifespan_is_not_kept_for_late_comers(here: Wal
     publisher = here.node("a").publisher("/map", INT, QoS(durability="transient_local", lifespan=0.05))
     publisher.publish(create(INT, 1))
     time.sleep(0.06)
-    publisher.publish(create(INT, 2))
     here.node("b").subscription("/map", INT, lambda message: seen.append(message.data), LATCHED)
-    here.until(lambda: seen)
-    assert seen == [2]
+    here.until(lambda: publisher.publish(create(INT, 2)) or seen)
+    assert {*seen} == {2}
 
 
 # ---- domains and networks --------------------------------------------------------------------------------------------
@@ -578,7 +577,7 @@ def test_a_process_that_just_ends_has_said_everything_and_is_gone_at_once(
     assert (child.wait(), heard) == (0, [str(number) for number in range(FAREWELLS)])
     began = time.monotonic()
     here.until(lambda: here.middlewares[0].node_names() == ["/parent"])
-    assert time.monotonic() - began < 1
+    assert time.monotonic() - began < 2.5  # one that says no farewell is gone after 3 s
 
 
 @pytest.fixture

@@ -4,7 +4,8 @@ import json
 import re
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from threading import Event
+from typing import Any, TextIO
 
 import pytest
 from collaborations import Steps, text_of
@@ -81,6 +82,19 @@ def test_progress_is_written_to_stderr_without_a_terminal(
 ) -> None:
     monkeypatch.setattr(exploration, "_EVERY", 0.0)
     monkeypatch.setattr(output, "EVERY", 0.0001)
+    write, show, shown_once = output.ProgressLine.write, output._show, Event()
+
+    def write_and_wait(line: output.ProgressLine, text: str) -> None:  # the line is shown by a thread of its own
+        write(line, text)
+        assert shown_once.wait(60)
+
+    def show_once(stream: TextIO, text: str) -> None:
+        show(stream, text)
+        if "states" in text:
+            shown_once.set()
+
+    monkeypatch.setattr(output.ProgressLine, "write", write_and_wait)
+    monkeypatch.setattr(output, "_show", show_once)
     main(["check", "--explore", str(broken), "--json"])
     shown = capsys.readouterr()
     assert re.search(r"broken.bpmn: \d+ states, [\d,]+ per second, \d+ in the frontier", shown.err)

@@ -2,12 +2,12 @@
 
 import os
 import socket
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from view_page import eventually
 
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
@@ -19,12 +19,7 @@ from fame.monitor.pipeline.polled_source import Machine
 
 def poll(machine: Machine) -> Any:
     """What it gives, as soon as it gives something."""
-    for _ in range(500):
-        result = machine.execute({})
-        if result is not None:
-            return result
-        time.sleep(0.002)
-    raise AssertionError("the machine said nothing")
+    return eventually(lambda: machine.execute({}))
 
 
 @pytest.mark.parametrize(
@@ -65,11 +60,7 @@ def test_a_server_that_goes_away_is_reported_and_found_again() -> None:
         machine.report = said.append
         machine.execute({})
         server.accept()[0].close()
-        for _ in range(500):
-            machine.execute({})
-            if said:
-                break
-            time.sleep(0.002)
+        eventually(lambda: machine.execute({}) or said)
         assert said == [f"{machine.source}: away: the other side has closed"]
         for _ in range(52):
             machine.execute({})
