@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,15 @@ def end_processes() -> None:
     """
     if (executors := sys.modules.get("joblib.externals.loky.reusable_executor")) is not None:
         executors.get_reusable_executor(reuse=True).shutdown()
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it is over, or of another user
-            marked = _MARK.encode() in (folder / "environ").read_bytes().split(b"\0")
-            if marked and b"resource_tracker" not in (folder / "cmdline").read_bytes():
-                os.kill(int(folder.name), signal.SIGKILL)
+    while sum(map(_end, Path("/proc").glob("[0-9]*"))):  # until no other one has come meanwhile
+        time.sleep(0.01)
+
+
+def _end(folder: Path) -> bool:
+    """Kill a process, if it is marked. Returns whether it is."""
+    with suppress(OSError):  # it is over, or of another user
+        marked = _MARK.encode() in (folder / "environ").read_bytes().split(b"\0")
+        if marked and b"resource_tracker" not in (folder / "cmdline").read_bytes():
+            os.kill(int(folder.name), signal.SIGKILL)
+            return True
+    return False

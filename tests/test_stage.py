@@ -162,9 +162,12 @@ def test_a_version_that_differs_from_the_constraints_is_named() -> None:
 
 
 def test_what_tests_leave_is_ended_and_what_that_has_started() -> None:
-    with subprocess.Popen(["sh", "-c", "sleep 600 & wait"], stdout=subprocess.PIPE, start_new_session=True) as left:
+    words = ["sh", "-c", "sleep 600 & echo; wait"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, start_new_session=True) as left:
+        assert left.stdout
+        assert left.stdout.readline() == b"\n"
         end_processes()
-        assert left.communicate() == (b"", None)  # nobody has the other end of its pipe any more
+        assert left.stdout.read() == b""  # nobody has the other end of its pipe any more
     assert left.returncode == -signal.SIGKILL
 
 
