@@ -1,5 +1,6 @@
 # make demo    run the agriculture mission; its film and its recording are in out/
-# make test    run the tests; what needs a browser, npm or ROS is skipped where that is missing
+# make test    run the tests, those marked long excepted; what needs a package is skipped where that is missing
+# make test-long   the tests marked long: missions as a whole, all seeds, all cases
 # make test-processes   the tests of teams in real processes: whole missions, killed, repaired, migrated, in lockstep
 # make test-browser     the tests of the page of `fame view`; needs chromium
 # make test-node        the tutorial in Camunda Modeler, and what its parts read; needs npm and chromium
@@ -41,10 +42,13 @@ VERSION ?= 3.14
 FAST_TESTS := $(addprefix tests/,test_reader.py test_scripts.py test_script_budget.py test_variables.py test_expressions.py test_feel.py \
 	test_clock.py test_messages.py test_journal.py test_transforms.py test_small_missions.py test_cli_models.py)
 
+# The tests of no stage of their own.
+ANYWHERE := not processes and not browser and not node
+
 # The files with a word, one that marks the tests of a stage: to collect all files takes longer than some stages.
 tests_with = $(shell grep -lrw --include='test_*.py' $(1) tests)
 
-.PHONY: demo docs test torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
+.PHONY: demo docs test test-long torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/agriculture.yaml --log $(DEMO).mcap --animate $(DEMO).gif
@@ -53,7 +57,10 @@ demo: $(VENV)/sim.installed
 	@echo "To see the run in a browser: $(BIN)/pip install -e '.[view]' && $(BIN)/fame view $(DEMO).mcap"
 
 test: $(VENV)/dev.installed
-	$(BIN)/python .ci/stage.py $@ -- -n 3 --dist worksteal -m "not processes" $(PYTEST)
+	$(BIN)/python .ci/stage.py $@ -- -n 2 --dist worksteal --durations=10 -m "not long and $(ANYWHERE)" $(PYTEST)
+
+test-long: $(VENV)/dev.installed
+	$(BIN)/python .ci/stage.py $@ -- -n 2 --dist worksteal --durations=10 -m "long and $(ANYWHERE)" $(PYTEST)
 
 docs: $(VENV)/docs.installed
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d out/doctrees . fame/site

@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Generator, Iterator
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,12 +57,16 @@ def pytest_sessionfinish() -> None:
     readmit()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what needs a browser, or packages of npm: `make test-browser`, `make test-node`."""
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
+    """Mark what needs a browser or packages of npm (`make test-browser`, `make test-node`), or is long."""
     for item in items:
         for fixture, marker in (("chromium", "browser"), ("node_modules", "node")):
             if fixture in getattr(item, "fixturenames", ()):
                 item.add_marker(marker)
+        short = item.get_closest_marker("long_but")
+        if short and not any(fnmatchcase(item.callspec.id, pattern) for pattern in short.args):
+            item.add_marker("long")
 
 
 @pytest.fixture(scope="module")
