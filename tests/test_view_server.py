@@ -56,6 +56,13 @@ def server() -> Iterator[Server]:
         yield found
 
 
+@pytest.fixture(scope="module")
+def shared() -> Iterator[Server]:
+    """A server for tests that ask, and change nothing."""
+    with Server(OneRobot()) as found:
+        yield found
+
+
 def ask(
     server: Server, path: str, method: str = "GET", *, token: str | None = None, body: str = "", **headers: str
 ) -> tuple[int, Mapping[str, str], bytes]:
@@ -70,8 +77,8 @@ def ask(
     return found
 
 
-def test_the_page_is_served_under_its_token(server: Server) -> None:
-    status, headers, content = ask(server, "/")
+def test_the_page_is_served_under_its_token(shared: Server) -> None:
+    status, headers, content = ask(shared, "/")
     assert status == 200
     assert b"main.js" in content
     assert headers["content-type"].startswith("text/html")
@@ -80,36 +87,36 @@ def test_the_page_is_served_under_its_token(server: Server) -> None:
 
 
 @pytest.mark.parametrize("name", ["main.js", "style.css", "icon.svg"])
-def test_the_files_of_the_page_are_served(server: Server, name: str) -> None:
-    assert ask(server, f"/page/{name}")[0] == 200
+def test_the_files_of_the_page_are_served(shared: Server, name: str) -> None:
+    assert ask(shared, f"/page/{name}")[0] == 200
 
 
 @pytest.mark.parametrize("path", ["/", "/mission.json", "/page/main.js", "/block/0.json"])
 @pytest.mark.parametrize("token", ["", "wrong", "x" * 24])
-def test_without_the_token_there_is_nothing(server: Server, path: str, token: str) -> None:
-    assert ask(server, path, token=token)[0] == 404
+def test_without_the_token_there_is_nothing(shared: Server, path: str, token: str) -> None:
+    assert ask(shared, path, token=token)[0] == 404
 
 
 @pytest.mark.parametrize("name", ["../server.py", "%2e%2e/server.py", "..%2fserver.py", "nothing.js", "main.py", ""])
-def test_only_files_of_the_page_are_served(server: Server, name: str) -> None:
-    assert ask(server, f"/page/{name}")[0] == 404
+def test_only_files_of_the_page_are_served(shared: Server, name: str) -> None:
+    assert ask(shared, f"/page/{name}")[0] == 404
 
 
-def test_what_is_missing_is_told_from_a_fault_of_the_source(server: Server) -> None:
+def test_what_is_missing_is_told_from_a_fault_of_the_source(shared: Server) -> None:
     asked = ("/block/1.json", "/plane/7.json", "/at/7.json", "/block/7.json")
-    assert [ask(server, path)[0] for path in asked] == [200, 404, 404, 500]
+    assert [ask(shared, path)[0] for path in asked] == [200, 404, 404, 500]
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:{port}", "127.0.0.1:1", "localhost.evil.example:{port}"]
 )
-def test_another_host_is_refused(server: Server, host: str) -> None:
-    assert ask(server, "/mission.json", Host=host.format(port=server.port))[0] == 421
+def test_another_host_is_refused(shared: Server, host: str) -> None:
+    assert ask(shared, "/mission.json", Host=host.format(port=shared.port))[0] == 421
 
 
-def test_this_host_has_several_names(server: Server) -> None:
+def test_this_host_has_several_names(shared: Server) -> None:
     for host in ("127.0.0.1", "localhost"):
-        assert ask(server, "/mission.json", Host=f"{host}:{server.port}")[0] == 200
+        assert ask(shared, "/mission.json", Host=f"{host}:{shared.port}")[0] == 200
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])

@@ -5,12 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from view_page import beyond, opened, shot, until, violations
+from view_page import beyond, eventually, opened, shot, until, violations
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import FameError
@@ -70,6 +70,10 @@ class Field(LiveField):
             for robot, tokens in packer.state.waits.items()
             for token in tokens.values()
         }
+
+    def until(self, condition: Callable[[], object]) -> None:
+        """Run on the wall clock until a condition holds."""
+        eventually(lambda: (self.run(0.05), condition())[1])
 
     def close(self) -> None:
         self.view.close()
@@ -340,10 +344,9 @@ def test_the_page_only_shows_unless_it_is_told_otherwise(field: Field) -> None:
 def test_with_control_a_task_of_a_running_robot_is_completed() -> None:
     field = Field(WallScheduler(), control=True)
     field.engine("REX")
-    field.run(1)
+    field.run(0.2)
     field.deploy("REX")
-    field.run(2)
-    assert field.waiting() == {("REX", "Sign")}
+    field.until(lambda: field.waiting() == {("REX", "Sign")})
     said: list[Any] = []
 
     def ask() -> None:
@@ -354,9 +357,8 @@ def test_with_control_a_task_of_a_running_robot_is_completed() -> None:
     thread.start()
     field.run(20)
     thread.join(10)
-    field.run(2)
+    field.until(lambda: field.waiting() == {("REX", "Rest")})
     assert said == [{"said": "REX: completed"}]
-    assert field.waiting() == {("REX", "Rest")}
     field.close()
 
 
@@ -387,18 +389,17 @@ def asked_of(field: Field, commands: list[dict[str, Any]]) -> list[Any]:
     thread.start()
     field.run(20)
     thread.join(10)
-    field.run(1)
     return answers
 
 
 def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> None:
     field = Field(WallScheduler(), control=True)
     field.engine("REX", hold_errors=True)
-    field.run(1)
+    field.run(0.2)
     field.deploy("REX", REPAIRED)
-    field.run(1.5)
+    field.until(lambda: field.waiting() == {("REX", "Drive")})
     (waits,) = field.view._packer.state.waits.values()
-    assert [(token["element"], token["kind"]) for token in waits.values()] == [("Drive", "incident")]
+    assert [token["kind"] for token in waits.values()] == ["incident"]
     commands = [
         {"do": "retry", "element": "Drive", "value": '{"speed": 4}'},
         {"do": "set", "name": "load", "value": "2.5"},
@@ -410,7 +411,7 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
         {"said": "REX: set: load; not a variable before: load"},
         {"said": "REX: moved"},
     ]
-    assert field.waiting() == {("REX", "Rest")}
+    field.until(lambda: field.waiting() == {("REX", "Rest")})
     values = {name: value[0] for found in field.view._packer.state.variables.values() for name, value in found.items()}
     assert values == {"speed": 4, "left": 2.5, "load": 2.5}
     for wrong, text in (({"do": "set"}, "name of a variable"), ({"do": "move", "element": "Rest"}, "token moves to")):
@@ -425,9 +426,9 @@ def test_with_control_a_robot_is_taken_over_steered_and_given_back() -> None:
     twists: list[Any] = []
     outside = field.middleware.node("base")
     outside.subscription("/REX/cmd_vel_manual", "geometry_msgs/msg/Twist", twists.append)
-    field.run(1)
+    field.run(0.2)
     field.deploy("REX")
-    field.run(2)
+    field.until(lambda: field.waiting() == {("REX", "Sign")})
     asked = {"robot": "REX", "lease": "1", "who": "ann"}
     commands = [
         {"do": "take_over", **asked},
@@ -445,9 +446,13 @@ def test_with_control_a_robot_is_taken_over_steered_and_given_back() -> None:
         "REX refused: REX: ann (unverified) steers it; fame suspend stops it", {"said": "REX: noted"},
         {"said": "REX: continued"}, not_held,
     ]  # fmt: skip
+    field.until(
+        lambda: (
+            "take_over refused, asked for by eve (unverified)"
+            in {str(detail) for block in field.view._packer.blocks for detail in block.details.values()}
+        )
+    )
     assert [(twist.linear.x, twist.angular.z) for twist in twists] == [(0.4, -1.0)]
-    told = [str(detail) for block in field.view._packer.blocks for detail in block.details.values()]
-    assert "take_over refused, asked for by eve (unverified)" in told
     field.close()
 
 
