@@ -36,7 +36,7 @@ BACKENDS = [
     pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("dds apart", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("zenoh", marks=[needs("zenoh"), pytest.mark.zenoh]),
-    pytest.param("zenoh apart", marks=[needs("zenoh"), pytest.mark.zenoh]),
+    pytest.param("zenoh apart", marks=[needs("zenoh"), pytest.mark.zenoh, pytest.mark.long]),
     pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
     pytest.param("ros apart", marks=[needs("rclpy"), pytest.mark.ros]),
 ]

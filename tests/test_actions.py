@@ -54,6 +54,7 @@ def test_a_goal_tells_how_far_it_is_and_its_result(here: World, place: Place) ->
     assert place.client.goals == {}
 
 
+@pytest.mark.long_but("local")
 def test_a_long_goal_has_its_result_after_many_short_ones(here: World, place: Place) -> None:
     place.send(1000)
     here.until(lambda: len(place.server.goals) == 1)

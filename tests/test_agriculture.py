@@ -104,7 +104,7 @@ def assert_all_went_well(run: Run) -> None:
 # ---- the mission -----------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=[1, 2, 3], ids=["1 tractor", "2 tractors", "3 tractors"])
+@pytest.fixture(scope="module", params=[1, 2, pytest.param(3, marks=pytest.mark.long)], ids="{} tractors".format)
 def played(request: pytest.FixtureRequest) -> Run:
     """The example; with fewer tractors, on a smaller field."""
     if request.param == 3:

@@ -52,6 +52,7 @@ def test_held_out_benign_runs_pass():
         assert not any(reading.anomalous for reading in learned().follow(run))
 
 
+@pytest.mark.long
 def test_later_runs_pass_after_learning_from_all_before():
     detector = PathDetector(MH5).fit(recording(BENIGN).select(range(24)))
     later = recording(BENIGN).select(range(24, 30))
@@ -63,6 +64,7 @@ def test_learning_from_too_few_early_runs_is_not_enough_for_an_arm_that_drifts()
     assert any(reading.anomalous for reading in detector.follow(recording(BENIGN).select([29])))
 
 
+@pytest.mark.long_but("29-*")
 @pytest.mark.parametrize("kind", [*KINDS, "rotated"])
 @pytest.mark.parametrize("number", [1, 19, 29])
 def test_a_quarter_of_a_millimetre_is_seen_within_five_samples(kind: str, number: int):

@@ -346,6 +346,7 @@ def test_a_part_without_a_pool_says_which_of_its_processes_is_to_be_run(tmp_path
     assert trail(part) == "p h"
 
 
+@pytest.mark.long_but("warehouse")
 @pytest.mark.parametrize("path", RUNS, ids=lambda path: path.stem)
 def test_each_example_runs_as_its_parts_do(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def shown(result: Any) -> tuple[Any, ...]:

@@ -49,6 +49,7 @@ def ends(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.long
 def test_the_mission_as_json_with_all_that_can_be_written(tmp_path: Path, capsys) -> None:
     files = [tmp_path / "out" / name for name in ("run.jsonl", "run.csv", "run.xes", "run.png", "run.gif")]
     logs = [text for file in files[:3] for text in ("--log", str(file))]

@@ -43,6 +43,7 @@ def test_too_few_runs_and_runs_that_stand_still_are_refused():
         compare(still, QUICK)
 
 
+@pytest.mark.long
 def test_fame_train_prints_the_table_and_stores_the_best(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     rows = [
         ",".join(map(str, (stamp, number, *row)))

@@ -52,6 +52,7 @@ def damage(root: etree._Element, random: Random) -> None:
         one.tag = other.tag
 
 
+@pytest.mark.long_but("0")
 @pytest.mark.parametrize("seed", range(5))
 def test_a_damaged_file_is_read_or_refused_in_one_line(seed: int) -> None:
     random, source = Random(seed), gallery().encode()

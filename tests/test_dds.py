@@ -495,6 +495,7 @@ def test_it_is_a_plain_scheduler_before_and_after_its_middleware() -> None:
 # ---- coming and going ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_after_many_deployments_everything_is_where_it_was(here: WallWorld) -> None:
     node, other = here.node("engine", "REX"), here.node("world")
     other.subscription("/a", TEXT, id)

@@ -230,6 +230,7 @@ def explore(start: World, most: int) -> int:
 START = World(Outgoing("a1", TTL, receivers=(Receiver("B"),)), ("b1", ()))
 
 
+@pytest.mark.long_but("both")
 @pytest.mark.parametrize(
     "start",
     [

@@ -111,6 +111,7 @@ def test_every_rare_fault_is_found(fault: own_data.Fault):
     assert [seed for seed in FAULTY if not alarm(model("0.01 per run"), seed, fault)] == []
 
 
+@pytest.mark.long
 def test_a_promise_is_kept_on_200_further_runs():
     made = model("0.06 per run")
     assert made.calibration is not None

@@ -89,6 +89,7 @@ def times(events: list[Event], robot: str, element: str, what: str = "leave") ->
     ]
 
 
+@pytest.mark.long
 def test_the_ground_vehicles_find_and_destroy_the_target(ground_vehicles: tuple[Result, list[Event]]) -> None:
     result, _ = ground_vehicles
     assert (result.status, result.messages) == ("completed", [])

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pytest
 from durable_runs import DurableRun
 
 import fame
@@ -14,14 +15,19 @@ from fame.clock import SECOND
 EXAMPLE = Path(__file__).parent.parent / "examples" / "ground_vehicles.yaml"
 
 
-def test_the_ground_vehicles_hit_their_target_although_their_engines_die(tmp_path: Path) -> None:
-    run = DurableRun(fame.Scenario.load(EXAMPLE), False, None, None)
+@pytest.mark.parametrize(
+    ("seconds", "status"), [(20, "timeout"), pytest.param(300, "completed", marks=pytest.mark.long)], ids=str
+)
+def test_the_ground_vehicles_hit_their_target_although_their_engines_die(
+    tmp_path: Path, seconds: float, status: str
+) -> None:
+    run = DurableRun(fame.Scenario.load(EXAMPLE, duration=seconds), False, None, None)
     run.folder = tmp_path
     dice = random.Random(0)
     for _ in range(15):
         kill: Callable[[], object] = partial(run.kill, dice.choice(sorted(run.scenario.cast)))
-        run.scheduler.after(round(dice.uniform(0.5, 60) * SECOND), kill)
-    assert (run.result().status, run.kills > 5) == ("completed", True)
+        run.scheduler.after(round(dice.uniform(0.5, min(seconds, 60)) * SECOND), kill)
+    assert (run.result().status, run.kills > 5) == (status, True)
 
 
 class KilledAsking(DurableRun):
@@ -44,6 +50,7 @@ class KilledAsking(DurableRun):
         journal.append = appended  # type: ignore[method-assign]
 
 
+@pytest.mark.long
 def test_a_vehicle_that_dies_before_its_planner_answers_asks_again(tmp_path: Path) -> None:
     run = KilledAsking(fame.Scenario.load(EXAMPLE), False, None, None)
     run.folder = tmp_path

@@ -19,6 +19,7 @@ _SEEDS = 120
 _PARTS = 6
 
 
+@pytest.mark.long_but("0")
 @pytest.mark.parametrize("part", range(_PARTS))
 def test_reduced_and_full_search_agree(part: int) -> None:
     compared = smaller = 0
@@ -36,6 +37,7 @@ def test_reduced_and_full_search_agree(part: int) -> None:
     assert smaller
 
 
+@pytest.mark.long_but("0")
 @pytest.mark.parametrize("part", range(_PARTS))
 def test_robots_that_drop_triggers_while_they_run(part: int) -> None:
     """Nobody notices what they do meanwhile, although they listen."""
@@ -73,6 +75,7 @@ def test_an_end_of_the_mission_is_not_passed_over() -> None:
     assert verdicts(explore(model, delivery="run")) == verdicts(explore(model, delivery="run", reduced=False))
 
 
+@pytest.mark.long_but("0")
 @pytest.mark.parametrize("part", range(_PARTS))
 def test_no_robot_sends_what_its_outlook_does_not_know(part: int) -> None:
     """What a robot sends in a step was to be expected before, and so was all that is to be expected after it."""
@@ -103,6 +106,7 @@ def told_apart(robots: dict[str, Steps]) -> dict[str, Steps]:
     return {**robots, "R0": ["run me = robot.name", *robots["R0"]]}
 
 
+@pytest.mark.long_but("0")
 @pytest.mark.parametrize("part", range(_PARTS))
 def test_what_decides_nothing_changes_no_verdict(part: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Dead variables, items of counted lists, and statements that decide nothing may as well be kept."""

@@ -44,6 +44,7 @@ def delivery(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+@pytest.mark.long_but("*-?")
 @pytest.mark.parametrize("seed", range(40))
 def test_generated_collaborations(seed: int, delivery: str, tmp_path: Path) -> None:
     model = team(generated(seed))
@@ -103,6 +104,7 @@ def test_single_faults_of_shipped_missions(name: str, tmp_path: Path) -> None:
         mission.close()
 
 
+@pytest.mark.long_but("0")
 @pytest.mark.parametrize("part", range(10))
 def test_explorations_of_collaborations_made_at_random_say_what_their_runs_show(part: int, tmp_path: Path) -> None:
     compared = [compare(seed, tmp_path) for seed in range(part, 50, 10)]

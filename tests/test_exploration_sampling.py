@@ -81,6 +81,7 @@ def test_the_first_error_ends_an_exploration_if_that_is_asked_for() -> None:
     assert [search.cuts for search in late.searches] == [("ended at the first error",)] * 2
 
 
+@pytest.mark.long_but("0")
 @pytest.mark.parametrize("part", range(4))
 def test_deadlocks_of_plain_runs_are_not_missed(part: int) -> None:
     """Models in which all times are named, and nothing else is unknown."""

@@ -34,6 +34,7 @@ ENDLESS = [
 ]
 
 
+@pytest.mark.long_but("for*")
 @pytest.mark.parametrize("text", ENDLESS)
 def test_a_step_that_does_not_end_is_an_error_of_its_script(text: str) -> None:
     assert "one step of the script took more than 0.1 s" in error_of(f"{V}const node = v.node; {text}").text
@@ -61,6 +62,7 @@ class Timed:
         self.value.set_time_limit(seconds)
 
 
+@pytest.mark.long_but("for*")
 @pytest.mark.parametrize("text", [*ENDLESS, "v.x = {toJSON() { for (;;) {} }}; throw new Error('x')"])
 def test_a_step_that_does_not_end_takes_its_limit_once(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """To report what it did before may run it again, a tenth as long."""

@@ -127,6 +127,7 @@ def scaled(values: np.ndarray) -> None:
     values *= 0.001
 
 
+@pytest.mark.long_but("pca")
 @pytest.mark.parametrize("detector", ["mahalanobis", "pca", "knn", "phase"])
 def test_a_run_with_a_sensor_that_failed_is_not_judged(detector: str) -> None:
     model = fit([effort(seed) for seed in range(12)], Training(window=50, detector=detector))

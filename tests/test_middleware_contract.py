@@ -50,6 +50,7 @@ MESSAGES = {
 }
 
 
+@pytest.mark.long_but("local*", "dds*")
 @pytest.mark.parametrize("type", MESSAGES)
 def test_a_message_arrives_as_it_was(here: World, type: str) -> None:
     seen: list[Any] = []
@@ -178,6 +179,7 @@ def test_a_publisher_that_all_hear_who_can_is_connected(here: World) -> None:
     assert middleware.connecting(node) == []
 
 
+@pytest.mark.long_but("local*", "dds*")
 @pytest.mark.parametrize(("qos", "count"), [(QoS(), 100), (QoS(depth=5), 5), (SENSOR_DATA, 50), (QoS(depth=1), 9)])
 def test_what_a_queue_holds_is_not_lost_nor_what_nobody_asked_to_have_in_full(
     here: World, qos: QoS, count: int
@@ -253,6 +255,7 @@ def test_an_unknown_type_is_refused(here: World) -> None:
         node.subscription("/done", "std_msg/Bool", print)
 
 
+@pytest.mark.long_but("local*", "dds*")
 @pytest.mark.parametrize("thing", [True, {"data": True}, None, create(INT)])
 def test_only_messages_of_the_type_can_be_published(here: World, thing: object) -> None:
     publisher = here.node("engine").publisher("/done", "std_msgs/Bool")
@@ -263,6 +266,7 @@ def test_only_messages_of_the_type_can_be_published(here: World, thing: object) 
 # ---- quality of service ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long_but("local*", "dds-*")
 @pytest.mark.parametrize(
     ("offered", "requested", "reason"),
     [
@@ -301,6 +305,7 @@ def test_another_type_on_the_topic_elsewhere_is_a_mismatch_told_on_both_sides(he
     assert seen == []
 
 
+@pytest.mark.long_but("local*", "dds*")
 @pytest.mark.parametrize(
     ("qos", "expected"),
     [

@@ -250,6 +250,7 @@ def test_wrong_options_are_refused(
 # ---- missions --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_mission_with_retries_survives_loss_and_a_partition() -> None:
     cuts = tuple(Partition(("Drone", f"Tractor_{number}"), 44, 59) for number in (1, 2))
     network = NetworkConfig((Link(Delay("fixed", 0.05), loss=0.05),), cuts)

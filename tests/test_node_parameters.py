@@ -63,6 +63,7 @@ def test_the_types_of_the_services_are_those_of_jazzy(kind: str, hash: str) -> N
     assert codec.service_hash(service_type(kind)) == f"RIHS01_{hash}"
 
 
+@pytest.mark.long_but("dds")
 def test_every_node_says_whether_it_follows_the_clock(here: WallWorld) -> None:
     node = here.node("driver", "REX")
     asking = client(here, "/REX/driver")
@@ -77,6 +78,7 @@ def test_every_node_says_whether_it_follows_the_clock(here: WallWorld) -> None:
     assert ask(here, "/REX/driver", "GetParameterTypes", {"names": ["use_sim_time", "x"]}).types.tolist() == [1, 0]
 
 
+@pytest.mark.long_but("dds")
 def test_several_are_set_all_or_none(here: WallWorld) -> None:
     node, kept = here.node("driver"), {"low.a": 1.0, "low.b": 2.0}
 
@@ -195,6 +197,7 @@ def test_an_engine_on_rclpy_is_one_node_with_parameters(engine: subprocess.Popen
     assert "/REX/fame_engine:\n" in ros2("param", "list", *wait)
 
 
+@pytest.mark.long_but("dds")
 def test_a_middleware_that_is_closed_at_once_offers_nothing_any_more(here: WallWorld) -> None:
     here.node("short")
     here.close()

@@ -142,6 +142,7 @@ def frames(recorder, path):
         return [np.asarray(frame.convert("RGB"), dtype=np.int16) for frame in ImageSequence.Iterator(film)]
 
 
+@pytest.mark.long
 def test_an_arm_that_cuts_moves_and_its_part_comes_about(tmp_path):
     g = arm("mh5", 0.025)
     recorder = WorldRecorder(g.world)

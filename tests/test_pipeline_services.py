@@ -170,6 +170,7 @@ def test_parameters_and_namespace_come_from_the_data_object(tmp_path: Path) -> N
     assert "no processor has this parameter" in str(sim.instances[0].error)
 
 
+@pytest.mark.long
 def test_a_record_unit_has_everything_on_disk_when_its_scope_ends_and_train_learns_from_it(tmp_path: Path) -> None:
     port = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
     training = {"Files": ["runs.csv"], "Window": 10, "Hidden": [3], "Epochs": 2, "Model": "out/made.skops"}

@@ -34,6 +34,7 @@ def test_each_pattern_of_the_table_can_be_read(pattern: tuple[str, str]) -> None
         compile(parse(re.sub(r"\b[EFGC]\b", lambda letter: events[letter[0]], sentence)), VOCABULARY)
 
 
+@pytest.mark.long_but("?", "[1-4]?")
 @pytest.mark.parametrize("seed", range(150))
 def test_monitors_say_what_the_sentences_mean(seed: int) -> None:
     assert list(differences(seed)) == []

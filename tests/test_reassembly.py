@@ -40,6 +40,7 @@ def test_a_blocked_shoulder_shows_at_joint_0_and_not_at_4_and_5():
     assert times[4:] == pytest.approx(1, abs=0.15)
 
 
+@pytest.mark.long
 def test_a_blocked_lid_shows_at_joints_4_and_5_and_not_at_0():
     times = largest("blocked_lid").mean(axis=0) / largest("none").mean(axis=0)
     assert times[4:].min() > 4
@@ -59,6 +60,7 @@ def mission(*faults: Fault, seed: int = 1) -> Result:
     return Scenario.load(EXAMPLE, faults=faults, seed=seed).run()
 
 
+@pytest.mark.long_but("5*")
 @pytest.mark.parametrize(("seed", "fault"), [(4, None), (9, None), (5, Fault("Arm", 6.5, "blocked_shoulder"))])
 def test_live_is_recorded_sample_by_sample(seed: int, fault: Fault | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The mission with its monitor, and the run computed without them: joint states, and the losses of the monitor."""

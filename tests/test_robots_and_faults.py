@@ -53,6 +53,7 @@ def test_the_seed_places_them() -> None:
     assert places(1)[:4] == places(2)[:4]
 
 
+@pytest.mark.long_but("1")
 @pytest.mark.parametrize("count", [1, 2, 12])  # three are the example, which test_agriculture runs
 def test_the_model_is_the_same_for_any_number(count: int) -> None:
     result = load(robots={"tractor": count}).run()
@@ -120,6 +121,7 @@ def test_a_tractor_without_an_engine_is_braked_by_its_watchdog() -> None:
     assert early["robots"]["Tractor_1"]["x"] != -1.0
 
 
+@pytest.mark.long_but("wheels*")
 @pytest.mark.parametrize(("kind", "code"), [("range", "sensor_lost"), ("wheels", "blocked")])
 def test_a_behaviour_says_what_is_broken(kind: str, code: str) -> None:
     result = load(faults=[Fault("Tractor_1", 10.0, kind)]).run()

@@ -103,6 +103,7 @@ def test_progress_says_what_the_robots_are_at(played):
     assert any(one.robots["REX"].startswith("Explore") for one in progress)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_events_and_another_seed_others(played):
     again: list[Event] = []
     Scenario.load(EXAMPLE).run(observer=again.append)
@@ -121,6 +122,7 @@ def test_moving_the_target_changes_where_dingo_goes(tmp_path):
     assert dingo["x"] < 1.3
 
 
+@pytest.mark.long
 def test_an_obstacle_taken_away_is_no_longer_in_the_way(tmp_path, played):
     line = "    - {name: crate, at: [1.9, 1.2], size: [0.8, 0.5]}\n"
     result = run(changed(tmp_path, (line, "")))

@@ -270,6 +270,7 @@ def outcome(robot: RobotDeployment) -> str:
     return "started" if robot.deployed else "kept" if robot.candidate is None and robot.answers else "open"
 
 
+@pytest.mark.long_but("False")
 @pytest.mark.parametrize("migrates", [False, True])
 def test_in_no_reachable_state_has_one_robot_started_and_another_one_kept_what_it_had(migrates):
     loading = after(*LOAD, state=replace(NEW, migrates=migrates))[0]

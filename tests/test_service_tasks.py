@@ -169,6 +169,7 @@ def test_errors_gives_the_outcome_another_code(here: World, place: Place) -> Non
     assert (end.status, end.error.code) == ("failed", "wrong_way")
 
 
+@pytest.mark.long_but("local*")
 @pytest.mark.parametrize("errors", ["[1]", "{a: 1}", "{", "text"])
 def test_errors_that_are_no_mapping_are_refused(errors: str, here: World, place: Place) -> None:
     with pytest.raises(ModelError, match="property errors: expected a mapping such as"):
@@ -342,6 +343,7 @@ def restart(here: World, place: Place) -> None:
     place.server = Server(here.node("driver", "REX"))
 
 
+@pytest.mark.long_but("local*")
 def test_a_goal_that_the_next_server_does_not_know_is_sent_again(here: World, place: Place) -> None:
     instance = place.run(drive("1"))
     until(here, lambda: place.server.goals)
@@ -352,6 +354,7 @@ def test_a_goal_that_the_next_server_does_not_know_is_sent_again(here: World, pl
     assert place.end(instance).status == "completed"
 
 
+@pytest.mark.long_but("local*")
 @pytest.mark.parametrize("retry", ["never", "ask"])
 def test_a_goal_may_be_lost_instead(here: World, place: Place, retry: str) -> None:
     instance = place.run(drive("1", retry=retry))
@@ -363,6 +366,7 @@ def test_a_goal_may_be_lost_instead(here: World, place: Place, retry: str) -> No
     assert "act('drive'): its server does not know the goal, and its fate is unknown" in str(end.error)
 
 
+@pytest.mark.long_but("local*")
 def test_ask_waits_for_a_person_where_errors_are_held(here: World, place: Place) -> None:
     place.run(drive("1", retry="ask"), hold_errors=True)
     until(here, lambda: place.server.goals)
@@ -400,6 +404,7 @@ STOPPING = """<subProcess id="h" triggeredByEvent="true"><startEvent id="hs"><si
   </startEvent></subProcess>"""
 
 
+@pytest.mark.long_but("local*")
 @pytest.mark.parametrize("ending", [LIMIT, STOPPING], ids=["boundary timer", "event sub-process"])
 def test_a_goal_that_was_cancelled_while_its_server_was_away_is_cancelled_when_that_is_back(
     here: World, place: Place, ending: str
@@ -418,6 +423,7 @@ def test_a_goal_that_was_cancelled_while_its_server_was_away_is_cancelled_when_t
     assert place.server.goals == {}
 
 
+@pytest.mark.long_but("local*")
 def test_a_goal_that_was_cancelled_before_its_server_left_is_cancelled_when_that_is_back(
     here: World, place: Place
 ) -> None:
@@ -442,6 +448,7 @@ def test_a_goal_that_was_cancelled_before_its_server_left_is_cancelled_when_that
     until(here, lambda: place.server.cancelled)
 
 
+@pytest.mark.long_but("local*")
 def test_an_engine_that_ends_while_a_server_is_away_says_that_a_goal_may_still_run(here: World, place: Place) -> None:
     instance = place.run(drive("9", LIMIT))
     until(here, lambda: place.server.goals)
@@ -458,6 +465,7 @@ def test_an_engine_that_ends_while_a_server_is_away_says_that_a_goal_may_still_r
     assert [text for text in here.warnings if text.startswith(name) and text.endswith(why)]
 
 
+@pytest.mark.long_but("local*")
 def test_a_server_that_leaves_before_it_accepts_a_goal_is_as_any(here: World, place: Place) -> None:
     place.server.server.close()
     soon(here)
@@ -479,6 +487,7 @@ def test_a_server_that_leaves_before_it_accepts_a_goal_is_as_any(here: World, pl
     assert place.end(instance).status == "completed"
 
 
+@pytest.mark.long_but("local*")
 @pytest.mark.parametrize(("retry", "status"), [("safe", "completed"), ("never", "failed")])
 def test_a_request_whose_server_leaves_is_made_again_or_lost(
     here: World, place: Place, retry: str, status: str
@@ -495,6 +504,7 @@ def test_a_request_whose_server_leaves_is_made_again_or_lost(
     assert len(asked) == (2 if retry == "safe" else 1)
 
 
+@pytest.mark.long_but("local*")
 @pytest.mark.parametrize(
     "said", [{"action": "drive", "type": DRIVE, "payload": "{distance: 1}"}, {"service": "blade", "type": SET_BOOL}]
 )

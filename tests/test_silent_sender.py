@@ -51,6 +51,7 @@ def sent(field: Field, text: str, robots: Iterable[str], id: str, kind: type[Dep
     )
 
 
+@pytest.mark.long_but("1*", "3-1")
 @pytest.mark.parametrize(("robots", "words"), [(1, 1), (1, 2), *((3, words) for words in range(1, 7))], ids=str)
 def test_a_sender_that_is_killed_after_any_word_leaves_no_half_deployment_and_nobody_waiting(robots, words):
     text, names = TEAMS[robots]

@@ -103,6 +103,7 @@ def test_whoever_suspends_it_takes_it_from_who_steers(cars: MissionUnderTest) ->
         cars.node("REX").suspension.take_over("ann", hand._lease)
 
 
+@pytest.mark.long
 def test_after_it_was_steered_the_mission_ends_as_ever(cars: MissionUnderTest) -> None:
     hand = cars.take_over("REX")
     cars.advance(1)

@@ -17,6 +17,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 FOUND = sorted((Path(__file__).parent / "torture" / "found").glob("*.json"))
 
 
+@pytest.mark.long_but("seed_727", "seed_1038104")
 @pytest.mark.parametrize("file", FOUND, ids=lambda file: file.stem)
 def test_what_once_failed_holds(file: Path) -> None:
     assert judge(Team(Plan.from_json(file.read_text()))) == []

@@ -39,6 +39,7 @@ def words(tmp_path: Path, *data: Path, model: str = "bags.skops") -> list[object
     return ["monitor", "train", "--data", *data, "-o", tmp_path / model, "--false-alarms", "0.2 per run"]
 
 
+@pytest.mark.long_but("files-1")
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 @pytest.mark.parametrize("form", ["folders", "files"])
 def test_bags_train_as_the_table_that_is_recorded_from_them_each_a_run(

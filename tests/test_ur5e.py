@@ -185,6 +185,7 @@ def performed(machine: ControlledArm, steps: int = len(PROGRAM)) -> tuple[np.nda
     return np.array(efforts), held
 
 
+@pytest.mark.long_but("blocked_lid")
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_a_run_repeats_with_its_seed(scenario: Any):
     assert np.array_equal(recorded(5, scenario).efforts, one_run(5, scenario).efforts)
@@ -230,6 +231,7 @@ def test_positions_are_those_of_encoders():
     assert np.abs(steps - np.round(steps)).max() < 1e-6
 
 
+@pytest.mark.long
 def test_runs_differ_in_length_by_the_time_of_planning():
     assert len(one_run(2).stamps) != len(one_run(5).stamps)
     assert len({len(recorded(seed, variation=replace(TYPICAL, jitter=0.0)).stamps) for seed in (2, 5)}) == 1

@@ -166,6 +166,7 @@ def watched(request: pytest.FixtureRequest) -> Iterator[Watched]:
     made.here.close()
 
 
+@pytest.mark.long_but("local")
 def test_a_server_that_says_nothing_and_leaves_is_told(watched: Watched) -> None:
     server = Server(watched.driver)
     watched.run(action="drive", type=DRIVE, payload="{distance: 3}")
@@ -205,6 +206,7 @@ def test_a_service_of_another_type_is_told(watched: Watched) -> None:
     watched.until_told("it has had no server for ", other)
 
 
+@pytest.mark.long_but("local")
 def test_an_action_of_another_type_is_told(watched: Watched) -> None:
     ActionServer(watched.driver, "drive", "nav2_msgs/action/Spin", print, print)
     watched.run(action="drive", type=DRIVE, payload="{distance: 3}")
@@ -219,6 +221,7 @@ def test_an_action_of_another_type_is_told(watched: Watched) -> None:
     watched.until_told("it has had no server for ", goal, feedback)
 
 
+@pytest.mark.long_but("local")
 def test_feedback_of_another_quality_of_service_is_told(watched: Watched) -> None:
     below = "drive/_action"
     feedback = watched.driver.publisher(f"{below}/feedback", f"{DRIVE}_FeedbackMessage", SENSOR_DATA)

@@ -153,11 +153,13 @@ def test_no_robot_touches_a_door_or_a_wall(run: tuple[Result, list[Event]]) -> N
     assert touched <= {"Carrier_1", "Carrier_2", "Carrier_3"}
 
 
+@pytest.mark.long
 def test_another_number_of_robots_needs_no_other_model() -> None:
     result = Scenario.load(EXAMPLE, robots={"Carrier": 1}, duration=900).run()
     assert result.status == "completed"
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_events(run: tuple[Result, list[Event]]) -> None:
     events: list[Event] = []
     Scenario.load(EXAMPLE).run(observer=events.append)

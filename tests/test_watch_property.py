@@ -116,6 +116,7 @@ class Watching(Durable):
         self.pass_time(15 - end)
 
 
+@pytest.mark.long_but("*away0-*")
 @pytest.mark.parametrize(
     ("pause", "away", "reacts"),
     [

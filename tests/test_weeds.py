@@ -99,10 +99,11 @@ def test_a_kind_that_is_not_in_the_file_and_ground_that_is_full_are_refused():
         place(config(), "Tractor", 1000, seed=1)
 
 
-def test_a_thousand_robots_find_free_ground():
+@pytest.mark.parametrize("many", [100, pytest.param(1000, marks=pytest.mark.long)])
+def test_many_robots_find_free_ground(many: int) -> None:
     wide = config(size=[80, 60], resolution=0.1)
-    robots = place(wide, "Tractor", 1000, seed=1)
-    assert len(robots) == 1001
+    robots = place(wide, "Tractor", many, seed=1)
+    assert len(robots) == many + 1
     g = Ground(replace(wide, robots=robots))
     g.run(0.1)
     assert g.world.collisions == []

@@ -329,6 +329,7 @@ def test_no_robot_is_anywhere_that_is_not_finite():
         g.run(2)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bytes_in_another_process():
     code = "import sys; sys.path[:0] = ['tests']; from test_world import outcome; print(*outcome(1))"
     command = [sys.executable, "-c", code]

@@ -160,10 +160,12 @@ class Game:
         return {way for way in seen if way[1] == join}
 
 
+@pytest.mark.long_but("*-0")
+@pytest.mark.parametrize("part", range(4))
 @pytest.mark.parametrize("after", ["straight", "restored", "recorded"])
-def test_unstructured_models_go_as_the_tokens_of_the_standard_do(after: str) -> None:
+def test_unstructured_models_go_as_the_tokens_of_the_standard_do(after: str, part: int) -> None:
     played = 0
-    for seed in range(400):
+    for seed in range(part, 400, 4):
         graph, dice = drawn(seed), random.Random(seed)
         try:
             game = Game(graph)
@@ -181,4 +183,4 @@ def test_unstructured_models_go_as_the_tokens_of_the_standard_do(after: str) -> 
             played += 1
         except Endless:
             continue
-    assert played > 300
+    assert played > 70
