@@ -387,6 +387,7 @@ def test_the_hash_tells_data_apart(folder: Path):
     assert data_hash(points) != data_hash(points.select([0]))
 
 
+@pytest.mark.long
 @needs_data
 def test_the_one_class_svm_of_the_paper_by_resubstitution():
     from fame.monitor.anomaly.classifiers import DEFAULTS, by_run, fit, make, run_scores

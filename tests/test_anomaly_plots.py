@@ -32,6 +32,7 @@ def points() -> object:
     return of_runs([POINTS[:150], POINTS[150:]], 1, tuple("SLURBT"))
 
 
+@pytest.mark.long_but("found0*")
 @pytest.mark.parametrize(
     ("found", "colours"),
     [

@@ -107,6 +107,7 @@ def test_operate_raises_the_signal_that_the_mission_catches(tmp_path: Path, mode
     assert any("alarm at point" in report.detail for report in watch.sim.reports)
 
 
+@pytest.mark.long
 @needs_data
 def test_learn_stores_the_best_classifier(tmp_path: Path) -> None:
     write_csv(tmp_path / "benign.csv", recording(BENIGN).select(range(6)))

@@ -388,6 +388,7 @@ def chain(calls: int, nested: int, inside: str = "") -> list[str]:
     return found
 
 
+@pytest.mark.long_but("12*")
 @pytest.mark.parametrize("apart", [False, True], ids=["one file", "a file each"])
 @pytest.mark.parametrize(
     ("calls", "nested", "element"),

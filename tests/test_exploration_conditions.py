@@ -273,6 +273,7 @@ def stuck_in_javascript(condition: str, *between: object) -> bool:
     return edited([*begun, asked, *between, again], *JAVASCRIPT)
 
 
+@pytest.mark.long_but("next*", "$x > 3*")
 @pytest.mark.parametrize(
     "condition",
     ["$x > 3", "next(null, $x > 3);", "$x === 3 && !($y < 2)", "$x.length > 3 || $y.data", "!$x", "$x[0] !== $y",

@@ -229,6 +229,7 @@ def test_rows_with_an_empty_cell_here_and_there_are_not_benign(
     assert found["runs"][0]["share judged"] == pytest.approx(0.9, abs=0.01)
 
 
+@pytest.mark.long_but(";*")
 @pytest.mark.parametrize("separator", [";", "\t", "|"])
 def test_decimal_commas_separators_and_dates_are_understood(
     separator: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -331,7 +331,9 @@ def test_what_is_no_log_is_refused(name: str, text: str, tmp_path: Path) -> None
 def mission(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Definitions]]:
     """The logs of the ground-vehicle mission, in all forms."""
     folder = tmp_path_factory.mktemp("logs")
-    scenario = Scenario.load(Path(__file__).parent.parent / "examples" / "ground_vehicles.yaml")
+    target = {"name": "target", "at": [0.9, 2.2], "radius": 0.08}  # close by
+    example = Path(__file__).parent.parent / "examples" / "ground_vehicles.yaml"
+    scenario = Scenario.load(example, changes={"world.targets": [target]})
     files = scenario.closures()
     with (
         logging_to(folder / "run.jsonl", files) as lines,

@@ -75,6 +75,7 @@ def test_a_new_project_checks_runs_and_passes_its_tests_without_arguments(folder
     assert "total: 100.0 %" in shown
 
 
+@pytest.mark.long
 def test_the_page_on_projects_lets_a_test_fail_and_mends_the_mission(folder: Path) -> None:
     main(["new", "hospital", "--json"])
     os.chdir(folder / "hospital")

@@ -95,6 +95,7 @@ def test_what_cannot_be_is_refused() -> None:
 # ---- faults ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_an_engine_that_dies_says_nothing_more_and_the_others_go_on() -> None:
     at = 20.0
     result = load(faults=[Fault("Tractor_1", at, "engine")]).run()

@@ -99,6 +99,7 @@ def test_the_active_elements_of_a_recording_of_fame_are_known(
     assert (code, found["runs"][0]["verdict"]) == (3, "not judged")
 
 
+@pytest.mark.long
 def test_recordings_of_fame_train_with_their_active_elements(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
