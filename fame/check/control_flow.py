@@ -148,20 +148,8 @@ def check_start_and_end_events(scope: CheckScope) -> Iterator[Finding]:
             id(node.body) for node in process.nodes() if node.triggered_by_event or node.tag == "adHocSubProcess"
         }
         for graph in map(graph_of, process.bodies()):
-            yield from _wrong_way(process, graph)
             if id(graph.body) not in unordered:  # the one has no start event, the other cannot be without
                 yield from _no_start(process, graph)
-
-
-def _wrong_way(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
-    for flow in graph.body.flows:
-        source, target = graph.nodes[flow.source], graph.nodes[flow.target]
-        if source.place == "end":
-            text = f"leaves the end event {source.display_name}, where every token ends: this flow is never taken"
-            yield process.finding("warning", text, flow)
-        elif target.place == "start":
-            text = f"leads into the start event {target.display_name}, but start events have no incoming flows"
-            yield process.finding("warning", text, flow)
 
 
 def _no_start(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:

@@ -22,6 +22,7 @@ from fame.bpmn.model import (
     SubProcess,
 )
 from fame.bpmn.reader.activities import read_activity, read_call, read_task
+from fame.bpmn.reader.connections import check_connections
 from fame.bpmn.reader.context import Context, boolean_property
 from fame.bpmn.reader.data import read_data_objects
 from fame.bpmn.reader.dialects import read_extensions
@@ -52,7 +53,7 @@ def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
     """Read the content of a process or sub-process.
 
     Faults are elements that BPMN 2.0 does not define, sequence flows and boundary events whose ends are missing or in
-    another scope, and default flows that do not leave their node.
+    another scope, default flows that do not leave their node, and what `check_connections` finds.
     """
     context = process.context
     wiring, flows = _wiring(context, element, parts)
@@ -64,12 +65,14 @@ def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
         else:
             node = read(process, one, wiring)
             nodes[node.id] = node
-    return Body(
+    body = Body(
         nodes=tuple(_checked(context, node, nodes) for node in nodes.values()),
         flows=tuple(_flow(context, one) for one in flows),
         data_objects=read_data_objects(context, parts),
         associations=tuple(_associations(context, nodes)),
     )
+    check_connections(context, body)
+    return body
 
 
 def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Connections, list[Node]]:
