@@ -398,6 +398,7 @@ class Influx:
             self._post(self._write_url, batch)
             self.sent += batch.count(b"\n")
         except urllib.error.HTTPError as error:
+            error.close()
             if error.code >= 500:
                 return self._report_unreachable(f"HTTP {error.code}")
             with self._refused.open("ab") as stream:
