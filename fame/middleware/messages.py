@@ -53,10 +53,15 @@ _lock = threading.RLock()
 
 
 class Message:
-    """Base class of all messages. ``__msgtype__`` is the full name of the type."""
+    """Base class of all messages. ``__msgtype__`` is the full name of the type.
+
+    A field is an attribute of its name in the `.msg` file, ``__field_names__``. One that is a keyword of Python
+    (``class``) is read as ``class_``, too, which is how Python can spell it.
+    """
 
     __slots__: tuple[str, ...] = ()
     __msgtype__: ClassVar[str]
+    __field_names__: ClassVar[tuple[str, ...]]
     __hash__: ClassVar[None] = None  # type: ignore[assignment]
 
     if TYPE_CHECKING:  # the fields are known at run time only
@@ -161,11 +166,22 @@ def nanoseconds(time: Any) -> int:
 def _class(name: str) -> type[Message]:
     content = typesystem.definition(name)
     fields = [(field.attribute, str(field), _with_default(field, content)) for field in content.fields]
+    keywords = {
+        field.name: property(attrgetter(field.attribute)) for field in content.fields if field.name != field.attribute
+    }
+    names = tuple(field.name for field in content.fields)
     return dataclasses.make_dataclass(
         name.rpartition("/")[2],
         fields or [(EMPTY_FIELD, "uint8", dataclasses.field(default=0))],
         bases=(Message,),
-        namespace={**content.constants, "__msgtype__": name, "__module__": __name__, "__doc__": f"``{name}``."},
+        namespace={
+            **content.constants,
+            **keywords,
+            "__field_names__": names,
+            "__msgtype__": name,
+            "__module__": __name__,
+            "__doc__": f"``{name}``.",
+        },
         eq=False,
         repr=False,
         slots=True,
