@@ -15,10 +15,6 @@ _Rule = tuple[Callable[[FlowNode], object], bool, str]
 """The nodes concerned, whether it is a fault, and what is wrong with a flow: {} is the node."""
 
 
-def _links(node: FlowNode) -> object:
-    return node.defined(LinkDefinition)
-
-
 def _undoes(node: FlowNode) -> bool:
     return isinstance(node, Activity) and node.for_compensation
 
@@ -26,9 +22,9 @@ def _undoes(node: FlowNode) -> bool:
 _SOURCES: Sequence[_Rule] = (
     (lambda one: one.place == "end", False,
      "leaves the end event {}, where every token ends: this flow is never taken"),
-    (lambda one: one.place == "throw" and _links(one), True,
+    (lambda one: one.place == "throw" and one.defined(LinkDefinition), True,
      "leaves the link event {}: expected it to leave the catching one"),
-    (lambda one: one.place == "boundary" and one.defined(CompensateDefinition), True,
+    (lambda one: one.catches_compensation, True,
      "leaves the compensation event {}: expected an association with a handler"),
     (_undoes, True, "leaves the compensation handler {}: put what follows into a sub-process with it"),
     (lambda one: one.triggered_by_event, True, "leaves the event sub-process {}: put what follows into it"),
@@ -38,7 +34,7 @@ _TARGETS: Sequence[_Rule] = (
      "leads into the start event {}, but start events have no incoming flows"),
     (lambda one: one.place == "boundary", True,
      "leads into the boundary event {}: expected an activity, a gateway or another event"),
-    (lambda one: one.place == "catch" and _links(one), False,
+    (lambda one: one.place == "catch" and one.defined(LinkDefinition), False,
      "leads into the link event {}: expected a gateway before what follows it"),
     (_undoes, True, "leads into the compensation handler {}: expected an association with its event"),
     (lambda one: getattr(one, "instantiate", False), False,
@@ -47,15 +43,20 @@ _TARGETS: Sequence[_Rule] = (
 
 
 def check_connections(context: Context, body: Body) -> None:
-    """Record what is wrong with the sequence flows of a body, and with its compensation handlers."""
+    """Record what is wrong with the sequence flows of a body, and with its compensation."""
     nodes = {node.id: node for node in body.nodes}
     for flow in body.flows:
         for is_fault, text in _problems(flow, nodes[flow.source], nodes[flow.target], body):
             _record(context, flow.id, text, is_fault)
     for event, handler in ((nodes[source], nodes[target]) for source, target in body.associations):
-        if event.place == "boundary" and event.defined(CompensateDefinition) and not _undoes(handler):
+        if event.catches_compensation and not _undoes(handler):
             text = f"is associated with {handler.display_name}: expected an activity with isForCompensation=true"
             _record(context, event.id, text, not isinstance(handler, Activity))
+    for node in body.nodes:
+        for task in (nodes.get(one.activity or "") for one in node.defined(CompensateDefinition)):
+            if isinstance(task, Task) and not any(event.catches_compensation for event in body.boundary(task.id)):
+                text = f"compensates {task.display_name}, which has no compensation handler: nothing is undone"
+                _record(context, node.id, text, False)
 
 
 def _record(context: Context, id: str, text: str, is_fault: bool) -> None:

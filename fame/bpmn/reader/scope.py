@@ -13,7 +13,6 @@ from fame.bpmn.model import (
     TASKS,
     Activity,
     Body,
-    CompensateDefinition,
     Event,
     Expression,
     FlowNode,
@@ -185,13 +184,9 @@ def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[t
         source, target = resolve(nodes, one.get("sourceRef")), resolve(nodes, one.get("targetRef"))
         if source is None or target is None:
             continue
-        if _is_compensation_event(target) and not _is_compensation_event(source):
+        if target.catches_compensation and not source.catches_compensation:
             source, target = target, source
         yield source.id, target.id
-
-
-def _is_compensation_event(node: FlowNode) -> bool:
-    return node.place == "boundary" and bool(node.defined(CompensateDefinition))
 
 
 # ---- flow nodes ------------------------------------------------------------------------------------------------------
