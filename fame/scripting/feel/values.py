@@ -65,7 +65,7 @@ class Moment:
     @property
     def instant(self) -> datetime:
         """What is compared: in UTC, since Python compares dates of one zone by what its clocks say."""
-        return self.at.astimezone(UTC) if self.zone[:1] == "@" else self.at
+        return self.at.astimezone(UTC) if self.zone[:1] == "@" and 1 < self.at.year < 9999 else self.at
 
 
 def are_times(left: Any, right: Any) -> bool:
@@ -91,7 +91,7 @@ def parsed(text: str) -> Moment | Duration:
     name = found["named"] or found["bracketed"]
     zone, shown = zone_of(name or found["offset"] or "")
     at = datetime.combine(date.fromisoformat(day), time.fromisoformat(clock), zone)
-    if name and found["offset"] and kind != "time":  # of the hour that comes twice in autumn it says which
+    if name and found["offset"] and "0002" <= (found["date"] or "") < "9999":  # which of two times in autumn it is
         at = at.replace(tzinfo=zone_of(found["offset"])[0]).astimezone(zone)
     return Moment(kind, at, shown)
 
