@@ -109,6 +109,10 @@ FORBIDDEN = {
         LINKED + parallel("g") + flows("s g l1", "g l2 t"),
         "warning: g-l2: leads into the link event l2: expected a gateway before what follows it",
     ),
+    "a flow into an event sub-process": (
+        row(script("x = 1")) + HANDLER + flows("t h"),
+        "error: t-h: leads into the event sub-process h: expected its start event alone to start it",
+    ),
     "a flow out of an event sub-process": (
         row(script("x = 1")) + HANDLER + flows("h e"),
         "error: h-e: leaves the event sub-process h: put what follows into it",
