@@ -59,6 +59,7 @@ def test_later_runs_pass_after_learning_from_all_before():
     assert not any(reading.anomalous for run in later for reading in detector.follow(run))
 
 
+@pytest.mark.long
 def test_learning_from_too_few_early_runs_is_not_enough_for_an_arm_that_drifts():
     detector = PathDetector(MH5).fit(recording(BENIGN).select(range(12)))
     assert any(reading.anomalous for reading in detector.follow(recording(BENIGN).select([29])))
@@ -220,6 +221,7 @@ def test_half_the_rate_is_tolerated_where_stamps_tell_the_time():
     assert sampling.tolerated
 
 
+@pytest.mark.long
 def test_nothing_is_tolerated_with_bounds_of_zero():
     detector = PathDetector(MH5, parameters=PathParameters(speed=0, pause=0, drift=0, noise=0))
     detector.fit(recording(BENIGN).select(range(0, 30, 2)))
@@ -273,6 +275,7 @@ def test_samples_lost_at_a_round_corner_are_no_deviation(number: int, stamped: b
     assert not any(reading.anomalous for reading in learned().follow(given.rows(kept)))
 
 
+@pytest.mark.long
 def test_what_the_tool_turns_on_its_way_is_no_tilt():
     """On fast ways it turns by degrees from one sample to the next, which come at other times in each run."""
     detector = PathDetector(MH5).fit(of_runs(simulated_runs(recording(BENIGN), 12, 7, MH5), 1, MH5.joints))

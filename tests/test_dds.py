@@ -192,6 +192,7 @@ def test_nodes_of_others_are_known_by_what_they_say_of_themselves(here: WallWorl
     here.until(lambda: (us.graph(), us.namespaces()) == ([], []))
 
 
+@pytest.mark.long
 def test_every_type_can_be_declared(here: WallWorld, stranger: DomainParticipant) -> None:
     kinds = [(name, header) for name in messages.types() for header in (False, True)]
     topics = [Topic(stranger, "rt/x", wire.declared(*kind)) for kind in kinds]

@@ -501,6 +501,7 @@ def test_a_model_for_one_robot_goes_to_it_though_others_that_play_its_pools_are_
     assert (sent.failed, list(sent.robots)) == (False, ["A"])
 
 
+@pytest.mark.long
 def test_after_hundreds_of_redeployments_everything_is_as_after_ten():
     import gc
     import threading

@@ -99,6 +99,7 @@ def test_the_ground_vehicles_find_and_destroy_the_target(ground_vehicles: tuple[
     assert result.world["collisions"] == []
 
 
+@pytest.mark.long
 def test_scripts_of_the_mission_return_at_once_and_their_callbacks_go_on(
     ground_vehicles: tuple[Result, list[Event]],
 ) -> None:

@@ -73,6 +73,7 @@ def test_robots_without_a_state_start() -> None:
     assert not from_states(model, {"A": state_of(started(model, cast)["A"])}).failed
 
 
+@pytest.mark.long
 def test_a_behaviour_under_way_is_a_step_that_ends_or_fails(mission: MissionLoader) -> None:
     m = mission.load("examples/ground_vehicles.yaml")
     m.run_until("DINGO", at="Go To")

@@ -16,7 +16,7 @@ from fame.scenario.exploration import cast_of, explore
 
 _LIMIT = 1_500
 _SEEDS = 120
-_PARTS = 6
+_PARTS = 12
 
 
 @pytest.mark.long_but("0")

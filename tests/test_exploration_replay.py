@@ -89,6 +89,7 @@ def test_a_mended_mission_completes_along_the_same_run(tmp_path: Path) -> None:
         mission.close()
 
 
+@pytest.mark.long_but("convoy", "sabotage", "shuttle")
 @pytest.mark.parametrize("name", ["ground_vehicles", "shuttle", "sabotage", "agriculture_return", "convoy"])
 def test_single_faults_of_shipped_missions(name: str, tmp_path: Path) -> None:
     """Their scripts decide on values of sensors: as in the run."""

@@ -330,6 +330,7 @@ def test_the_card_is_printed_from_the_model_alone(folder: Path, capsys: pytest.C
 # ---- two models ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_two_models_judge_the_same_runs_and_the_labels_say_which_is_better(
     folder: Path, model: TrainedModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -111,6 +111,7 @@ def test_a_second_publisher_whose_messages_are_left_out_is_not_judged(
     assert (code, found["runs"][0]["verdict"], found["runs"][0]["share judged"]) == (3, "not judged", 0.5)
 
 
+@pytest.mark.long
 def test_another_device_on_the_topic_hides_nothing_of_a_run_unless_it_takes_the_place_of_the_first(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -98,6 +98,7 @@ def test_a_name_that_yaml_takes_for_something_else_is_a_name(name: str, folder: 
     assert project.read(Path("fame.yaml")).name == name
 
 
+@pytest.mark.long
 def test_tests_that_leave_an_element_out_fail_a_project_and_a_selection_of_them_does_not(folder: Path) -> None:
     main(["new", "hospital", "--json"])
     os.chdir(folder / "hospital")

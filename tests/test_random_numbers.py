@@ -93,6 +93,7 @@ def test_two_campaigns_with_the_same_seeds_are_equal_row_by_row(scenario: Path, 
     assert rows(scenario, tmp_path / "three", workers=2) == first
 
 
+@pytest.mark.long
 def test_the_printed_command_repeats_each_run(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

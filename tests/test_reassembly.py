@@ -47,6 +47,7 @@ def test_a_blocked_lid_shows_at_joints_4_and_5_and_not_at_0():
     assert times[0] == pytest.approx(1, abs=0.1)
 
 
+@pytest.mark.long
 def test_thresholds_per_joint_find_every_obstruction_and_nothing_else():
     assert (largest("none") <= thresholds()).all()
     assert (largest("blocked_shoulder") > thresholds()).any(axis=1).all()

@@ -133,6 +133,7 @@ def test_a_behaviour_says_what_is_broken(kind: str, code: str) -> None:
     assert result.world["robots"]["Tractor_1"]["faults"] == [kind]
 
 
+@pytest.mark.long
 def test_a_fault_is_repeatable() -> None:
     results = [load(faults=[Fault("Tractor_2", 40.0, "engine")], duration=80).run().to_json() for _ in range(2)]
     assert results[0] | {"wall": 0} == results[1] | {"wall": 0}

@@ -76,6 +76,7 @@ def test_a_test_of_processes_that_passes_alone_is_flaky(tmp_path: Path) -> None:
     assert (code, lines[1:]) == (0, ["FLAKY test_it.py::test_late[0]", "FLAKY test_it.py::test_late[1]"])
 
 
+@pytest.mark.long
 def test_too_much_that_is_flaky_is_an_error_in_all_stages_together(tmp_path: Path) -> None:
     assert stage(tmp_path, flaky=2)[0] == 0
     for name in ("late 0", "late 1"):
@@ -135,6 +136,7 @@ def test_a_stage_without_tests_fails(tmp_path: Path) -> None:
     assert "no tests" in lines[0]
 
 
+@pytest.mark.long
 def test_programs_can_be_hidden(tmp_path: Path) -> None:
     hidden = ("node", "npm", "cmake", "ros2", "chromium", "chromium-browser", "google-chrome-stable")
     for name in (*hidden, "shown"):

@@ -46,6 +46,7 @@ def replayed(block: Block) -> RunState:
     return state
 
 
+@pytest.mark.long
 def test_a_block_alone_leads_to_the_next(recording: Path) -> None:
     with Replay(recording) as replay:
         replay.wait()

@@ -458,6 +458,7 @@ def test_the_command_serves_the_page_of_a_run_until_it_is_interrupted(tmp_path: 
         assert process.wait(20) == 1
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_the_run_and_says_that_its_page_stays_until_the_next(tmp_path: Path) -> None:
     model = tmp_path / "porter.bpmn"
     model.write_text(PORTER, encoding="utf-8")

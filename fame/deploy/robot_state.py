@@ -151,11 +151,9 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class Matched:
-    """The result of `AwaitEndpoints`: the promised ends that are missing, as ``topic (publisher)``, and why others do
-    not match."""
+    """The result of `AwaitEndpoints`: the promised ends that are missing, as ``topic (publisher)``."""
 
     missing: tuple[str, ...] = ()
-    apart: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
