@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
 import re
+import stat
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 from unicodedata import combining, normalize
@@ -23,6 +26,16 @@ DEPTH = 32
 """How deep lists and objects may be nested in JSON from elsewhere."""
 NAMES = "letters, digits and _, not starting with a digit"
 """The parts of a name that ROS 2 allows between slashes."""
+
+
+def open_file(path: Path) -> BufferedReader:
+    """Open a file to read it. Raises OSError, also for a named pipe, at which nobody may ever write.
+
+    What a shell gives for ``<(command)`` is a pipe without such a name.
+    """
+    if stat.S_ISFIFO(path.stat().st_mode) and path.parent not in (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd")):
+        raise OSError(errno.ESPIPE, "expected a file, got a named pipe")
+    return path.open("rb")
 
 
 def read_json(text: str, longest: int = 1_000_000, load: Callable[[str], Any] = json.loads) -> Any:

@@ -1,6 +1,7 @@
 """What is wrong with a file or a mission is said in one clear line, with the exit code that fits, and no traceback."""
 
 import json
+import os
 from pathlib import Path
 from typing import NamedTuple
 
@@ -222,3 +223,20 @@ def test_an_endless_file_is_told_in_a_line(capsys: pytest.CaptureFixture[str]) -
     told = "".join(capsys.readouterr())
     assert "expected at most 20 MB" in told
     assert "bug in FAME" not in told
+
+
+@pytest.mark.parametrize("name", ["m.bpmn", "m.yaml", "m.mcap", "m.jsonl"])
+def test_a_pipe_with_a_name_is_no_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo(tmp_path / name)
+    command = ["log", "convert", "-o", str(tmp_path / "out.csv")] if name.endswith(("mcap", "jsonl")) else ["run"]
+    assert main([*command, str(tmp_path / name)]) == 2
+    assert capsys.readouterr().err.endswith(f"{name}: cannot be read: expected a file, got a named pipe\n")
+
+
+def test_a_name_cannot_control_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pools = '<collaboration id="c"><participant id="A" name="A\x9b31mB" processRef="P"/></collaboration>'
+    (tmp_path / "m.bpmn").write_text(process(START, root=pools))
+    assert main(["check", str(tmp_path / "m.bpmn")]) == 0
+    told = "".join(capsys.readouterr())
+    assert '"A\\x9b31mB" (A)' in told
+    assert "\x9b" not in told

@@ -10,6 +10,7 @@ import pytest
 from lxml import etree
 
 import fame
+from fame.bpmn import merging
 from fame.bpmn.conversion import convert
 from fame.bpmn.library import Library
 from fame.bpmn.pools import assign_pools, pools_of
@@ -41,6 +42,19 @@ def parts():
 
 def test_each_pool_becomes_a_file_of_its_own(parts):
     assert [part.filename for part in parts] == ["REX.bpmn", "DINGO.bpmn"]
+
+
+def test_a_name_without_letters_is_no_hidden_file() -> None:
+    names = ["..", "\N{ROBOT FACE}", "_", "-x.", "a/b"]
+    made = split(collaboration(*(f'name="{name}"' for name in names)))
+    assert [part.filename for part in made] == ["p0.bpmn", "p1.bpmn", "p2.bpmn", "x.bpmn", "a_b.bpmn"]
+
+
+def test_however_many_pools_there_are_the_whole_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, original = list[str](), merging.full_tree
+    monkeypatch.setattr(merging, "full_tree", lambda whole: read.append(whole.file) or original(whole))
+    assert len(split(collaboration(*(f'name="R{number}"' for number in range(9))))) == 9
+    assert read == ["team.bpmn"]
 
 
 def test_a_part_holds_all_that_it_calls_and_nothing_of_the_others(parts):

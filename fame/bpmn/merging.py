@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 from lxml import etree
 
+from fame.bpmn.library import identity
 from fame.bpmn.linked_forms import linked_form
 from fame.bpmn.model import Assignment, Bounds, Definitions, Expression, FlowNode, Participant, Process, Task
 from fame.bpmn.namespaces import expand_types
@@ -171,12 +172,17 @@ def copy_fragment(
     pool: Participant | None,
     types: Mapping[str, str],
     acknowledged: Collection[str] = (),
+    trees: dict[str | bytes, Node] | None = None,
 ) -> Fragment:
     """Return a copy of processes and of all that they need of their file.
 
-    Events get the `types` of their topics; those of `acknowledged` topics say so.
+    Events get the `types` of their topics; those of `acknowledged` topics say so. `trees` keeps what `full_tree` gives,
+    by the identity of the definitions.
     """
-    root = full_tree(definitions)
+    trees, key = {} if trees is None else trees, identity(definitions)
+    if key not in trees:
+        trees[key] = full_tree(definitions)
+    root = deepcopy(trees[key])
     fragment = Fragment(definitions, root, {process.id: process.id for process in processes})
     by_id = {one.get("id"): one for one in root.iterchildren(_PROCESS)}
     for process in processes:

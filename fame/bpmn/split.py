@@ -44,8 +44,12 @@ class PoolModel:
 
     @property
     def filename(self) -> str:
-        """The name of the pool as a file name, with only letters, digits, ``.``, ``-`` and ``_``."""
-        return re.sub(r"[^\w.-]+", "_", self.name).strip("._") + ".bpmn"
+        """The name of the pool as a file name, with only letters, digits, ``.``, ``-`` and ``_``; without any letter
+        and digit, the id of its process."""
+        names = (
+            re.sub(r"[^\w.-]+", "_", name).lstrip("._-").rstrip("._") for name in (self.name, self.process_id, "pool")
+        )
+        return f"{next(filter(None, names))}.bpmn"
 
 
 def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[PoolModel]:
@@ -58,6 +62,7 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
     shared = shared_topics(definitions, pools, library)
     types = {name: use.declared for name, use in shared.items() if use.declared and name[0] == "/"}
     acknowledged = {name for name, use in shared.items() if use.ttl}
+    trees: dict[str | bytes, Node] = {}
     return [
         PoolModel(
             pool.name,
@@ -70,6 +75,7 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
                 find=library.find,
                 topic_types=types,
                 acknowledged=acknowledged,
+                trees=trees,
             ),
         )
         for pool in pools
@@ -84,13 +90,15 @@ def extract_process(
     find: Find | None = None,
     topic_types: Mapping[str, str] | None = None,
     acknowledged: Collection[str] = (),
+    trees: dict[str | bytes, Node] | None = None,
 ) -> bytes:
     """Return one process as a self-contained executable file, UTF-8.
 
     `name` selects the pool if several have this process, and becomes the name of the pool. `find` gives the processes
     that are called, by default those of the same file; other calls stay as they are. `topic_types` maps qualified
-    topics to types, `acknowledged` are those with acknowledgements. Message flows are left out, since topics carry the
-    messages. Raises ModelError if there is no such process, or if it would read differently in the new file.
+    topics to types, `acknowledged` are those with acknowledgements, `trees` as of `copy_fragment`. Message flows are
+    left out, since topics carry the messages. Raises ModelError if there is no such process, or if it would read
+    differently in the new file.
     """
     process = _process(definitions, process_id)
     find = find or _in_its_file
@@ -100,7 +108,7 @@ def extract_process(
     taken: set[str] = set()
     for file, processes in files:
         its_pool = pool if file is definitions else None
-        fragment = copy_fragment(file, processes, its_pool, topic_types or {}, acknowledged)
+        fragment = copy_fragment(file, processes, its_pool, topic_types or {}, acknowledged, trees)
         _make_unique(fragment, taken)
         fragments.append(fragment)
     _write_defaults(fragments, [processes for _, processes in files])

@@ -33,9 +33,10 @@ _WORD = re.compile(rf"(?:^|(?<=: ))({'|'.join(_WORDS)})(?=: )")
 
 
 def coloured(text: str, stream: TextIO) -> str:
-    """Return the text with the first such word of each line in its colour, if the stream is a
+    """Return the text, each line printable, with the first such word of each in its colour, if the stream is a
     terminal that has colours."""
-    return "\n".join(map(_painted, text.split("\n"))) if _has_colours(stream) else text
+    lines = map(printable, text.split("\n"))
+    return "\n".join(map(_painted, lines) if _has_colours(stream) else lines)
 
 
 def _painted(line: str) -> str:

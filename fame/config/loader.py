@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import io
 import sys
 from collections.abc import Mapping
 from functools import cache
@@ -16,7 +17,7 @@ from fame.config.scalars import PLAIN, core_loader, note_scalar
 from fame.config.values import ConfigValue, Source, join
 from fame.errors import ConfigError
 from fame.imports import hidden
-from fame.text import unreadable
+from fame.text import open_file, unreadable
 
 if TYPE_CHECKING:
     import yaml
@@ -37,7 +38,8 @@ def read_document(path: str | PathLike[str], kind: FileKind | None = None) -> Co
     """Return the content of a YAML file. Raises ConfigError, also if its keys are those of another kind of file."""
     file = str(path)
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        with open_file(Path(path)) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig") as decoded:
+            text = decoded.read()
     except OSError as error:
         raise ConfigError(unreadable(error), file=file) from None
     except UnicodeDecodeError:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import ConfigError, DeploymentError, UnavailableError
+from fame.text import open_file
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -251,7 +252,8 @@ def _read(path: Path, load: Any) -> Any:
     from cryptography.exceptions import UnsupportedAlgorithm
 
     try:
-        return load(path.read_bytes())
+        with open_file(path) as stream:
+            return load(stream.read())
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:

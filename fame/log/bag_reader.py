@@ -22,6 +22,7 @@ import yaml
 from fame.errors import ConfigError, FameError, MessageError
 from fame.log.mcap_index import messages_in_order, read_index, unpack
 from fame.middleware.definitions import Definition, check_size, check_text, from_rosbags
+from fame.text import open_file
 
 _METADATA_LIMIT = 10_000_000
 _FILE_LIMIT = 1 << 34
@@ -122,7 +123,7 @@ def _bag_file(path: Path, stack: ExitStack, compression: str) -> _Storage:
     from rosbags.rosbag1 import Reader
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-    stream = stack.enter_context(path.open("rb"))
+    stream = stack.enter_context(open_file(path))
     begin = stream.read(7)
     if begin == b"#ROSBAG":
         bag = stack.enter_context(Reader(path))
@@ -211,7 +212,7 @@ def _unpack_file(path: Path, target: Path) -> None:
     import zstandard
 
     with (
-        path.open("rb") as packed,
+        open_file(path) as packed,
         target.open("wb") as file,
         zstandard.ZstdDecompressor().stream_reader(packed) as data,
     ):

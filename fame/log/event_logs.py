@@ -26,6 +26,7 @@ from fame.log.mission_level import PART
 from fame.log.ocel import RECORDING
 from fame.log.reading import PART_MESSAGE, rows_of
 from fame.properties.vocabulary import is_of_pool
+from fame.text import open_file
 
 EventRow = Mapping[str, Any]
 XES, OCEL = ".xes", ".ocel.json"
@@ -158,7 +159,8 @@ def _values(parent: ElementTree.Element) -> dict[str, str]:
 
 
 def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
-    data = json.loads(path.read_text(encoding="utf-8"))
+    with open_file(path) as stream:
+        data = json.load(stream)
     starts, ends, partly = list[dict[str, Any]](), list[dict[str, Any]](), set[str]()
     recorded = (each for one in data["objects"] if one["type"] == RECORDING for each in one["attributes"])
     for part in (each["value"] for each in recorded if each["name"] == PART):

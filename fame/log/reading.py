@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import warnings
 from collections import Counter, defaultdict
@@ -19,7 +20,7 @@ from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
 from fame.log.mission_level import PART
 from fame.log.recording import Recording
-from fame.text import suggestion, unreadable, wrong_ending
+from fame.text import open_file, suggestion, unreadable, wrong_ending
 
 _Row = Mapping[str, Any]
 PART_MESSAGE = "has only a part of its run ({}): give the recording that it was converted from"
@@ -198,7 +199,7 @@ def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
     if rows is None:
         raise ConfigError(wrong_ending(path.name, (*_ROWS, ".mcap")), file=str(path))
     try:
-        with path.open(encoding="utf-8", newline="") as stream:
+        with open_file(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as stream:
             yield _whole(rows(stream), str(path))
     except OSError as error:
         raise ConfigError(unreadable(error), file=str(path)) from None

@@ -24,7 +24,7 @@ from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, 
 from fame.log.mcap_index import ChunkPlace, chunk_messages, read_index
 from fame.log.team_state import TeamState
 from fame.robot.events import Event
-from fame.text import unreadable
+from fame.text import open_file, unreadable
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
@@ -89,7 +89,7 @@ class Recording(Closing):
         """Raises ConfigError for a file that cannot be read, is no recording of FAME, or has a newer format."""
         self.file: str = str(path)
         try:
-            self._stream: BinaryIO = Path(path).open("rb")  # noqa: SIM115 (open until `close`)
+            self._stream: BinaryIO = open_file(Path(path))
         except OSError as error:
             raise ConfigError(unreadable(error), file=self.file) from None
         try:
@@ -137,7 +137,7 @@ class Recording(Closing):
         """
         other = copy(self)
         try:
-            other._stream = Path(self.file).open("rb")  # noqa: SIM115 (open until `close`)
+            other._stream = open_file(Path(self.file))
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=self.file) from None
         other._keep_chunks()

@@ -34,6 +34,7 @@ from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.processor import ActiveElements, Samples
 from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
+from fame.text import open_file
 
 if TYPE_CHECKING:
     from fame.log import Recording
@@ -246,7 +247,7 @@ def hash_files(paths: Sequence[str | Path]) -> str:
     every = (sorted(path.iterdir()) if path.is_dir() else [path] for path in map(Path, paths))
     for path in chain.from_iterable(every):
         try:
-            with path.open("rb") as stream:
+            with open_file(path) as stream:
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
@@ -340,7 +341,8 @@ def _read_parquet(path: Path, special: Special) -> CsvTable:
 
 def _text(path: Path) -> str:
     try:
-        data = path.read_bytes()
+        with open_file(path) as stream:
+            data = stream.read()
         wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         text = data.decode("utf-16" if wide else "utf-8-sig")
     except OSError as error:
@@ -469,7 +471,7 @@ def _is_recording(path: Path) -> bool:
     """Return whether a file is MCAP that FAME wrote: without a profile, as a bag of others may be, and of this
     library."""
     try:
-        with path.open("rb") as stream:
+        with open_file(path) as stream:
             head = stream.read(30)  # magic, kind and length of the header, length of its profile, its library
     except OSError:
         return False

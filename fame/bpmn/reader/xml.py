@@ -14,6 +14,7 @@ from typing import TypeVar
 from lxml import etree
 
 from fame.errors import ModelError
+from fame.text import open_file
 
 Node = etree._Element
 T = TypeVar("T")
@@ -98,7 +99,7 @@ def read_file(path: Path) -> bytes:
     """Return the content of a file, however little its size says of it. Raises OSError, and
     ModelError if it is too large."""
     check_size(path.stat().st_size, str(path))
-    with path.open("rb") as file:
+    with open_file(path) as file:
         content = file.read(LIMIT + 1)
     if len(content) > LIMIT:
         raise ModelError(f"expected at most {LIMIT // 1_000_000} MB, got more", file=str(path))
