@@ -1,5 +1,6 @@
 """Learning: the file, the table, the best model, and how it is stored."""
 
+import json
 import pickle
 import re
 from dataclasses import replace
@@ -232,6 +233,17 @@ def test_a_kind_of_classifiers_without_a_file_is_not_trained_and_this_is_said(
     assert {path.name for path in (folder / "stored").glob("*.skops")} == {"ocsvm.skops", "process.skops"}
     with pytest.raises(ConfigError, match="names no file to train these classifiers from"):
         Interface(folder / "published.yaml").genmodel_train([], [("rbfsvm1", SVC())])
+
+
+def test_a_warning_of_many_fits_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]):
+    mlp = "\nClassifiers:\n  - {name: mlp, class: MLPClassifier, parameters: {max_iter: 1}, threshold: 0.5}\nSplit: {folds: 3}"
+    (folder / "learning.yaml").write_text(FILES + mlp)
+    words = ["monitor", "adm", "learn", str(folder / "learning.yaml"), "-o", str(folder / "m.skops"), "--jobs", "1"]
+    assert main([*words, "--json"]) == 0
+    out, err = capsys.readouterr()
+    (warned,) = [line for line in err.splitlines() if "Maximum iterations (1) reached" in line]
+    assert warned.endswith("(4 of 4 fits)")
+    assert json.loads(out)["warnings"][0] in warned
 
 
 @pytest.mark.parametrize("name", ["ocsvm", "../ocsvm", ""])

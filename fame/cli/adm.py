@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -129,26 +130,29 @@ def run_learn(arguments: Namespace) -> int:
     data = read_data(learning)
     for text in data.notes:
         note(text)
-    with progress_line(sys.stderr) as line:
+    with progress_line(sys.stderr) as line, warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
         learned = learn(
             learning, data, jobs=max(1, arguments.jobs),
             progress=lambda at: line.write(f"{at.done} of {at.total} fits: {at.name}", at.done / at.total)
             if line is not None else None,
         )  # fmt: skip
+    for each in warned:
+        note(f"warning: {each.message}")
     chosen = best(learned)
     model = replace(chosen.model, conditions={**chosen.model.conditions, **origin_of(arguments.output)})
     model.save(arguments.output)
     write_card(model, arguments.output)
     note(f"{arguments.output}: {chosen.model.alarm_text()}")
-    warnings = drifting(model)
-    for text in warnings:
+    drifts = drifting(model)
+    for text in drifts:
         note(f"warning: {text}")
     if arguments.plots is not None:
         _plot(arguments.plots, learned, chosen, data)
     if arguments.json:
         summary = {
             "status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen),
-            "warnings": warnings,
+            "warnings": [*(str(each.message) for each in warned), *drifts],
         }  # fmt: skip
         print(json.dumps(summary, indent=2, default=str))
         return 0

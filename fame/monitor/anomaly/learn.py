@@ -15,6 +15,8 @@ among equals the first one.
 
 from __future__ import annotations
 
+import warnings
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -160,6 +162,8 @@ def _learn(
         fits.append(fitted)
         if progress is not None:
             progress(LearningProgress(len(fits), len(tasks), candidate.name))
+    for text, count in Counter(text for each in fits for text in each.warned).items():
+        warnings.warn(f"{text} ({count} of {len(fits)} fits)", stacklevel=2)
     parts = (fits[begin : begin + len(folds)] for begin in range(0, len(fits), len(folds)))
     single = [_learned(each, part, learning, data, whole) for each, part in zip(candidates, parts, strict=True)]
     combined = []
@@ -187,10 +191,12 @@ def best(learned: Sequence[TrainedClassifier]) -> TrainedClassifier:
 
 
 class _Fitted(NamedTuple):
-    """Result of a fit: the classifier (kept of the fit with all data), and the labels that it predicts."""
+    """Result of a fit: the classifier (kept of the fit with all data), the labels that it predicts, and the warnings of
+    its package."""
 
     detector: Any
     predicted: Any
+    warned: frozenset[str] = frozenset()
 
 
 def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: LearningData) -> _Fitted:
@@ -207,8 +213,11 @@ def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: Le
         source = source.select([number for number, run in enumerate(source) if run_hash(run.values) not in held])
     if isinstance(detector, PointClassifier):
         detector.process.fit((source if fold >= 0 or data.process is None else data.process).values)
-    fit(detector, source)
-    return _Fitted(detector if fold < 0 else None, detector.predict(target))
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        fit(detector, source)
+        predicted = detector.predict(target)
+    return _Fitted(detector if fold < 0 else None, predicted, frozenset(str(each.message) for each in warned))
 
 
 def fold_numbers(recording: Recording, folds: int) -> Any:
