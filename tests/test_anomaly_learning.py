@@ -236,7 +236,9 @@ def test_a_kind_of_classifiers_without_a_file_is_not_trained_and_this_is_said(
 
 
 def test_a_warning_of_many_fits_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]):
-    mlp = "\nClassifiers:\n  - {name: mlp, class: MLPClassifier, parameters: {max_iter: 1}, threshold: 0.5}\nSplit: {folds: 3}"
+    mlp = (
+        "Classifiers: [{name: mlp, class: MLPClassifier, parameters: {max_iter: 1}, threshold: 0.5}]\nSplit: {folds: 3}"
+    )
     (folder / "learning.yaml").write_text(FILES + mlp)
     words = ["monitor", "adm", "learn", str(folder / "learning.yaml"), "-o", str(folder / "m.skops"), "--jobs", "1"]
     assert main([*words, "--json"]) == 0

@@ -162,8 +162,8 @@ def _learn(
         fits.append(fitted)
         if progress is not None:
             progress(LearningProgress(len(fits), len(tasks), candidate.name))
-    for text, count in Counter(text for each in fits for text in each.warned).items():
-        warnings.warn(f"{text} ({count} of {len(fits)} fits)", stacklevel=2)
+    for (category, text), count in Counter(warned for each in fits for warned in each.warned).items():
+        warnings.warn(f"{text} ({count} of {len(fits)} fits)", category, stacklevel=2)
     parts = (fits[begin : begin + len(folds)] for begin in range(0, len(fits), len(folds)))
     single = [_learned(each, part, learning, data, whole) for each, part in zip(candidates, parts, strict=True)]
     combined = []
@@ -196,7 +196,7 @@ class _Fitted(NamedTuple):
 
     detector: Any
     predicted: Any
-    warned: frozenset[str] = frozenset()
+    warned: frozenset[tuple[type[Warning], str]]
 
 
 def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: LearningData) -> _Fitted:
@@ -217,7 +217,8 @@ def _fit(candidate: CandidateClassifier, fold: int, learning: Learning, data: Le
         warnings.simplefilter("always")
         fit(detector, source)
         predicted = detector.predict(target)
-    return _Fitted(detector if fold < 0 else None, predicted, frozenset(str(each.message) for each in warned))
+    texts = frozenset((each.category, str(each.message)) for each in warned)
+    return _Fitted(detector if fold < 0 else None, predicted, texts)
 
 
 def fold_numbers(recording: Recording, folds: int) -> Any:
