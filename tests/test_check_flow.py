@@ -69,6 +69,104 @@ WARNINGS = {
 }  # fmt: skip
 
 
+COMPENSATION = '<boundaryEvent id="b" attachedToRef="t"><compensateEventDefinition/></boundaryEvent>'
+UNDO = script("x = 0", "u").replace("<scriptTask", '<scriptTask isForCompensation="true"')
+UNDONE = COMPENSATION + UNDO + '<association id="as" sourceRef="b" targetRef="u"/>'
+HANDLER = f'<subProcess id="h" triggeredByEvent="true">{event("startEvent", "hs", "done")}</subProcess>'
+LINKED = START + LINK.format("Throw", "l1", "Throw") + LINK.format("Catch", "l2", "Catch") + script("x = 1")
+WAIT = timer("intermediateCatchEvent", "timeDuration", "PT1S")
+EVENT_BASED = START + '<eventBasedGateway id="g"/>' + catch("c") + WAIT
+FORBIDDEN = {
+    "a flow into a boundary event": (
+        START + parallel("g") + script("x = 1", "b") + BOUNDARY.format("") + flows("s g b", "g w"),
+        "error: g-w: leads into the boundary event w: expected an activity, a gateway or another event",
+    ),
+    "a flow into a compensation handler": (
+        row(script("x = 1")) + UNDONE + flows("t u"),
+        "error: t-u: leads into the compensation handler u: expected an association with its event",
+    ),
+    "a flow out of a compensation handler": (
+        row(script("x = 1")) + UNDONE + flows("u e"),
+        "error: u-e: leaves the compensation handler u: put what follows into a sub-process with it",
+    ),
+    "a flow out of a compensation event": (
+        row(script("x = 1")) + UNDONE + flows("b e"),
+        "error: b-e: leaves the compensation event b: expected an association with a handler",
+    ),
+    "a compensation handler that is no activity": (
+        row(script("x = 1")) + UNDONE.replace(UNDO, ends("u")),
+        "error: b: is associated with u: expected an activity with isForCompensation=true",
+    ),
+    "a compensation handler that is not marked as one": (
+        row(script("x = 1")) + UNDONE.replace(UNDO, script("x = 0", "u")),
+        "warning: b: is associated with u: expected an activity with isForCompensation=true",
+    ),
+    "a flow out of a throwing link event": (
+        LINKED + ends("e") + flows("s l1 e", "l2 t"),
+        "error: l1-e: leaves the link event l1: expected it to leave the catching one",
+    ),
+    "a flow into a catching link event": (
+        LINKED + parallel("g") + flows("s g l1", "g l2 t"),
+        "warning: g-l2: leads into the link event l2: expected a gateway before what follows it",
+    ),
+    "a flow into an event sub-process": (
+        row(script("x = 1")) + HANDLER + flows("t h"),
+        "error: t-h: leads into the event sub-process h: expected its start event alone to start it",
+    ),
+    "a flow out of an event sub-process": (
+        row(script("x = 1")) + HANDLER + flows("h e"),
+        "error: h-e: leaves the event sub-process h: put what follows into it",
+    ),
+    "a condition at a flow out of an event": (
+        START + script("x = 1") + flow("s", "t", "x > 0"),
+        "warning: s-t: has a condition, but leaves s: expected an exclusive gateway before it",
+    ),
+    "a flow into what starts a process": (
+        START + '<receiveTask id="t" messageRef="M" instantiate="true"/>' + flows("s t"),
+        "warning: s-t: leads into t, which starts no process then: expected instantiate=false",
+    ),
+    "two ways to an event behind an event-based gateway": (
+        EVENT_BASED + script("x = 1") + flows("s g c", "g w t w"),
+        "warning: g-w: leads to w, which has other incoming flows: expected only this one",
+    ),
+    "a boundary event behind an event-based gateway": (
+        EVENT_BASED + '<receiveTask id="b" messageRef="M"/>' + BOUNDARY.format("").replace('"w"', '"v"')
+        + flows("s g c", "g w", "g b"),
+        "error: g-b: leads to b, which has boundary events: expected further events of the gateway",
+    ),
+    "two times of a timer": (
+        START + WAIT.replace("<timeDuration", "<timeDate>2026-01-01</timeDate><timeDuration") + flows("s w"),
+        "error: w: has two of <timeDate> and <timeDuration>: expected one time",
+    ),
+    "two scripts": (
+        row(script("x = 1").replace("</script>", "</script><script>x = 2</script>")),
+        "error: t: has two of <script> and <script>: expected one script",
+    ),
+    "two loops": (
+        row(script("x = 1").replace("<script>", '<standardLoopCharacteristics loopMaximum="2"/>'
+        "<multiInstanceLoopCharacteristics><loopCardinality>3</loopCardinality></multiInstanceLoopCharacteristics><script>")),
+        "error: t: has two of <standardLoopCharacteristics> and <multiInstanceLoopCharacteristics>: expected one loop",
+    ),
+    "two conditions": (
+        START + choice("g", 'default="g-e"') + script("x = 1") + ends("e") + flows("s g e")
+        + flow("g", "t", "x > 0").replace(
+            "</sequenceFlow>", "<conditionExpression>1</conditionExpression></sequenceFlow>"),
+        "error: g-t: has two of <conditionExpression> and <conditionExpression>: expected one condition",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "expected"), FORBIDDEN.values(), ids=FORBIDDEN.keys())
+def test_what_the_standard_forbids_is_told(content: str, expected: str) -> None:
+    level, _, text = expected.partition(": ")
+    assert text in told(alone(content), level)
+
+
+def test_an_empty_time_beside_another_does_no_harm() -> None:
+    empty = WAIT.replace("<timeDuration", "<timeDate/><timeDuration")
+    assert told(alone(START + empty + flows("s w")), "error") == []
+
+
 @pytest.mark.parametrize(("content", "expected"), WARNINGS.values(), ids=WARNINGS.keys())
 def test_it_is_a_warning(content: str, expected: str) -> None:
     assert expected in told(alone(content), "warning")

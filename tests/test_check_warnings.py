@@ -127,7 +127,8 @@ WARNINGS = {
     ),
     "a data object filled by a topic without a type": (
         data("d", x="${x}", y="${y}") + row(catch("a", into="d")),
-        "a: no event declares the type of topic /done, so it is std_msgs/msg/Empty, which has no field for x, y",
+        "a: no event declares the type of topic /done, so it is std_msgs/msg/Empty, which has no field for x, y: "
+        "set property type",
     ),
     "a data object with names that the message does not have": (
         data("d", width="${width}") + row(catch("a", into="d", type=VECTOR)),

@@ -353,3 +353,13 @@ def test_of_what_came_too_early_nothing_is_told_once_it_came_in_time() -> None:
         [f"{topic} (its last message came 1.5 s ago, before anything waited for it)"],
         [topic],
     ]
+
+
+def test_a_module_that_is_not_found_is_named_with_the_way_to_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = '<startEvent id="s"/><scriptTask id="t"><script>import my_tools</script></scriptTask>'
+    (tmp_path / "a.bpmn").write_text(process(f'{script}<sequenceFlow id="f" sourceRef="s" targetRef="t"/>'))
+    (tmp_path / "my_tools.py").touch()
+    assert main(["run", str(tmp_path / "a.bpmn")]) == 1
+    assert "No module named 'my_tools': install it, or name its folder in PYTHONPATH" in capsys.readouterr().err

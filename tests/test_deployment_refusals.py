@@ -12,7 +12,7 @@ from fame import deploy
 from fame.clock import SECOND
 from fame.deploy.envelope import AHEAD
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED
+from fame.middleware.interface import LATCHED, EndpointWarning
 
 
 def test_of_two_engines_of_one_robot_the_younger_leaves():
@@ -214,3 +214,33 @@ def test_an_error_that_nobody_foresaw_is_a_refusal(monkeypatch):
     field.pass_time(0.1)
     reason = "it could not be handled: ZeroDivisionError: division by zero"
     assert [(report.answer, report.reason) for report in field.said[-2:]] == [("refused", reason)] * 2
+
+
+APART = "/go: /B/fame_engine receives nothing from /A/fame_engine: type: they have different definitions of t/msg/T"
+
+
+@pytest.fixture
+def mismatched(monkeypatch: pytest.MonkeyPatch) -> Field:
+    """Robots of which the middleware says soon that A's topic is not connected to the end that B has."""
+    field = Field("A", "B")
+    ends = field.middleware
+    monkeypatch.setattr(ends, "connecting", lambda node: ["/go"] if node.namespace == "A" else [])
+    warning = EndpointWarning("/go", APART.partition(": ")[2], "mismatch")
+    field.scheduler.after(SECOND, lambda: ends.warn(warning))
+    return field
+
+
+def test_ends_of_a_team_that_do_not_match_refuse_its_deployment_as_soon_as_that_is_known(mismatched: Field) -> None:
+    for number, most in ((1, 1.2), (2, 3.2)):  # what was known before may be outdated for a moment
+        sent = mismatched.prepare(TEAM, f"d{number}", number)
+        sent.begin()
+        mismatched.pass_time(most)
+        assert str(sent.robots["A"]) == f"A: refused: {APART}"
+        assert sent.failed
+
+
+def test_one_of_somebody_else_is_said_in_the_answer(mismatched: Field) -> None:
+    sent = mismatched.prepare(TEAM.replace('<participant id="B" name="B" processRef="pb"/>', ""))
+    sent.begin()
+    mismatched.pass_time(1.5)
+    assert str(sent.robots["A"]) == f"A: started: {APART}"

@@ -19,8 +19,8 @@ from fame.bpmn import read_bytes, read_text
 from fame.bpmn.conversion import convert
 from fame.bpmn.model import Definitions
 from fame.bpmn.reader.dialects import dialects_of
-from fame.bpmn.reader.xml import parse
-from fame.bpmn.split import split
+from fame.bpmn.reader.xml import BPMN, DC, parse
+from fame.bpmn.split import extract_process, split
 from fame.cli import main
 from fame.errors import ModelError
 from fame.robot import Event
@@ -151,6 +151,7 @@ def test_an_embedded_process_becomes_one_of_the_file() -> None:
     assert 'calledElement="Go_2"' in text
 
 
+TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
 DRAWN = (
     '<bpmn2:process id="Go"><bpmn2:startEvent id="in"/></bpmn2:process><bpmndi:BPMNDiagram id="D"><bpmndi:BPMNPlane '
     'id="L" bpmnElement="Go"><bpmndi:BPMNShape id="in_di" bpmnElement="in"><dc:Bounds x="1" y="2" width="36" '
@@ -164,6 +165,22 @@ def test_the_drawing_of_an_embedded_process_comes_along() -> None:
     for definitions in (read_text(process(content)), read_text(same(content))):
         assert [(shape.element, shape.bounds.x) for shape in definitions.shapes] == [("in_2", 1.0)]
         assert definitions.planes == ("Go",)
+
+
+def test_the_types_in_an_embedded_process_keep_their_namespace() -> None:
+    typed = '<bpmn2:conditionExpression xsi:type="bpmn2:tFormalExpression">x</bpmn2:conditionExpression>'
+    flow = f'<bpmn2:task id="t"/><bpmn2:sequenceFlow id="f" sourceRef="in" targetRef="t">{typed}</bpmn2:sequenceFlow>'
+    point = '<bpmndi:BPMNEdge id="e" bpmnElement="f"><di:waypoint xsi:type="dc:Point" x="1" y="2"/></bpmndi:BPMNEdge>'
+    inner = DRAWN.replace("</bpmn2:process>", f"{flow}</bpmn2:process>").replace(
+        "<bpmndi:BPMNShape", f"{point}<bpmndi:BPMNShape"
+    )
+    embedded = extensions(f'<callActivity:process process="{escape(inner, quote=True)}"/>')
+    source = process(f'<startEvent id="s"/><callActivity id="c">{embedded}</callActivity>')
+    for text in (convert(read_text(source)), extract_process(read_text(source), "P")):
+        root = parse(text, "")
+        types = [(one.nsmap.get(prefix or None), name) for one in root.iter() for value in [one.get(TYPE)] if value
+                 for prefix, _, name in [value.rpartition(":")]]  # fmt: skip
+        assert types == [(BPMN, "tFormalExpression"), (DC, "Point")]
 
 
 def test_a_part_of_a_split_file_keeps_the_rule_of_prefixes() -> None:

@@ -12,8 +12,12 @@ from fame.bpmn.model import Expression, Language
 from fame.clock import Scheduler
 from fame.engine import Variables
 from fame.errors import ModelError
+from fame.middleware import messages, typesystem
 from fame.middleware.local import LocalMiddleware
+from fame.properties.conditions import field_of
+from fame.robot.plain_values import plain
 from fame.scripting import Robot, Runner, compile_expression, mission_date
+from fame.scripting.data import fields_of
 from fame.scripting.interface import interface
 
 
@@ -415,3 +419,27 @@ def test_the_date_of_the_mission_is_found_from_the_variables_of_any_scope() -> N
     outer = {"__builtins__": interface(robot=robot, signal=print, log=print), "robot": "a variable of that name"}
     assert mission_date(Variables(outer, {"x": 1})) == datetime(2026, 1, 1, 0, 0, 1, 500_000, tzinfo=UTC)
     assert mission_date({"x": 1}) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "language"),
+    [
+        ("${det.class == 'person' and det.from == 3}", "juel"),
+        ("${det.class_ == 'person'}", "juel"),  # as until 0.3
+        ('=det.class = "person" and det.from = 3', "feel"),
+        ('=[det][class = "person"].from = [3]', "feel"),
+        ("det.class_ == 'person' and det.from_ == 3", "python"),
+        ("environment.variables.det.class == 'person' && environment.variables.det.from == 3", "javascript"),
+    ],
+)
+def test_a_field_has_the_name_of_its_msg_in_every_language(
+    text: str, language: Language, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(typesystem, "_definitions", dict(typesystem._table()))
+    type = messages.register("string class\nint32 from\nPart in", "keyword_msgs/msg/Detection")[0]
+    messages.register("bool is", "keyword_msgs/msg/Part")
+    det = messages.create(type, {"class": "person", "from": 3, "in": {"is": True}})
+    assert compile_expression(Expression(text, language))({"det": det}) is True
+    assert fields_of(det).keys() == {"class", "from", "in"}
+    assert plain(det) == messages.to_mapping(det) == {"class": "person", "from": 3, "in": {"is": True}}
+    assert field_of(det, ("in", "is")) is True  # as properties name it

@@ -84,7 +84,9 @@ def test_robots_talk_along_it(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(("source", "target"), [("pa", "y"), ("x", "pb"), ("pa", "pb"), ("s", "y"), ("x", "z")])
+@pytest.mark.parametrize(
+    ("source", "target"), [("pa", "y"), ("x", "pb"), ("pa", "pb"), ("s", "y"), ("x", "z"), ("y", "x")]
+)
 def test_one_that_does_not_join_two_messages_has_no_effect(source: str, target: str) -> None:
     text = team(throws("M"), waits("N"), root=ROOT).replace('"x" targetRef="y"', f'"{source}" targetRef="{target}"')
     definitions = read_text(text, file="m.bpmn")

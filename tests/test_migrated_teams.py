@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from deployment_field import Field, definitions, made, process
+from deployment_field import TEAM, Field, definitions, made, process
 from test_resumption import Durable
 
 from fame.bpmn.library import Library
@@ -189,8 +189,10 @@ def test_force_overrides_what_the_exploration_finds_and_the_logs_say_so(
     sent = field.deploy(EARLY, "d2", 2, options=refused.options)
     assert sent.failed
     assert "(--force overrides)" in str(sent.robots["A"])
-    refused.explain()
+    assert {each.state for each in sent.robots.values()} == {"refused"}
+    refused.explain(sent)
     run = capsys.readouterr().err
+    assert "the migration is refused: all robots continue with what they had" in run
     assert "error in the migrated state: " in run
     assert "ua" in run.partition("error in the migrated state: ")[2]
     forced = asked(tmp_path, EARLY, "--force")
@@ -215,6 +217,18 @@ def test_a_migration_that_is_not_explored_whole_is_not_known_to_be_fine(
     refused = asked(tmp_path, relay("S"))
     sent = field.deploy(relay("S"), "d4", 4, options=refused.options)
     assert "no error found in a partial search" in str(sent.robots["A"])
+
+
+def test_who_begins_in_a_migration_and_waits_for_what_may_have_been_thrown_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    field = Field("A", "B")
+    field.deploy(TEAM.replace('<participant id="B" name="B" processRef="pb"/>', ""))
+    given = asked(tmp_path, TEAM)
+    sent = field.deploy(TEAM, "d2", 2, options=given.options)
+    assert not sent.failed, sent.robots
+    given.explain(sent)
+    assert "warning: B waits for /go to start, which A may have thrown already" in capsys.readouterr().err
 
 
 def test_a_migration_that_may_complete_is_approved() -> None:

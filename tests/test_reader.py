@@ -438,12 +438,18 @@ def test_a_namespace_with_a_slip_in_it_is_told_once(written: str, meant: str) ->
         "http://www.omg.org/spec/BPMN/non-normative/color/1.0",
         "http://bpmn.io/schema/bpmn/biocolor/1.0",
         "http://activiti.com/modeler",
-        "http://example.org/mine",
     ],
 )
 def test_namespaces_of_others_are_passed_over(uri: str) -> None:
     task = f'<task id="t"><extensionElements><x:properties xmlns:x="{uri}"/></extensionElements></task>'
     assert not read_text(process(task)).notes
+
+
+def test_extension_elements_of_other_engines_are_noted_once() -> None:
+    rest = '<extensionElements><x:restrictions xmlns:x="https://bpmnos.telematique.eu"/></extensionElements>'
+    (note,) = read_text(process(f'<task id="t1">{rest}</task><task id="t2">{rest}</task>')).notes
+    assert (note.level, note.element) == ("note", "t1")
+    assert note.text == "extension elements of https://bpmnos.telematique.eu are kept, but not executed"
 
 
 def test_messages_name_elements_by_label_and_id() -> None:

@@ -30,6 +30,7 @@ ARGUMENTS = {
     "retry": ["REX", "Task"],
     "suspend": ["REX"],
     "continue": ["REX"],
+    "take-over": ["REX"],
     "skip": ["REX", "Task"],
     "restart": ["REX", "Task"],
     "fail": ["REX", "Task"],
@@ -78,7 +79,7 @@ def test_the_packages_of_the_wheel_are_installed_and_the_models_inside_fame() ->
 
 
 def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
-    commands = words(r"foreach\(command ([\w ]+)\)")
+    commands = words(r"foreach\(command ([\w -]+)\)")
     assert "engine" in commands
     assert {"retry", "set", "move", "view", "log"} < {*commands}
     for command in commands:

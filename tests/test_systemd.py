@@ -53,6 +53,10 @@ def test_without_a_watchdog_it_gives_no_signs_of_life(manager: socket.socket) ->
         assert (manager.recv(100), engine.wait(30)) == (b"STOPPING=1", 0)
 
 
+def test_a_unit_may_be_for_another_machine(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--network wlan99" in printed(capsys, "--network", "wlan99")
+
+
 def printed(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     assert main(["unit", "REX", *words]) == 0
     return capsys.readouterr().out

@@ -14,7 +14,7 @@ from fame.check.element_templates import COMMON, fields_of, payload_of, template
 from fame.check.library import behaviours
 from fame.cli import main
 from fame.errors import ModelError
-from fame.middleware import messages
+from fame.middleware import messages, typesystem
 from fame.properties import parse
 from fame.scenario import Scenario
 from fame.scripting import compile_expression
@@ -114,7 +114,8 @@ def test_a_type_is_published_with_its_fields_at_their_defaults(type: str) -> Non
     assert messages.to_mapping(messages.create(type, value)) == messages.to_mapping(messages.create(type))
 
 
-def test_every_field_is_in_the_payload_but_for_times() -> None:
+def test_every_field_is_in_the_payload_but_for_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(typesystem, "_definitions", dict(typesystem._table()))
     assert payload_of("geometry_msgs/msg/Vector3") == "{x: 0.0, y: 0.0, z: 0.0}"
     assert payload_of("geometry_msgs/msg/PointStamped") == "{header: {frame_id: ''}, point: {x: 0.0, y: 0.0, z: 0.0}}"
     assert (payload_of("std_msgs/msg/Bool"), payload_of("std_msgs/msg/Empty")) == ("false", "")

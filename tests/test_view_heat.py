@@ -15,9 +15,10 @@ from view_page import PHONE, eventually, flaws, opened, until
 import fame
 from fame.bpmn import read_text
 from fame.errors import ConfigError, FameError
+from fame.intervals import nearest_rank
 from fame.log import logging_to
 from fame.view import HeatMap
-from fame.view.heat import ElementHeat, nearest_rank
+from fame.view.heat import ElementHeat
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -95,7 +96,6 @@ def test_an_element_lists_its_runs_and_a_run_has_a_page(heat: HeatMap) -> None:
 
 def test_a_percentile_is_a_value_that_was_seen() -> None:
     assert [nearest_rank([3.0, 1.0, 2.0, 4.0], fraction) for fraction in (0.5, 0.95)] == [2.0, 4.0]
-    assert nearest_rank([], 0.5) is None
 
 
 def test_what_cannot_be_read_is_told_and_counts_as_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

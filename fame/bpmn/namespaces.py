@@ -33,8 +33,7 @@ def contract_types(root: Node) -> None:
     for element in root.iter("*"):
         uri, end, name = element.get(_TYPE, "").partition("}")
         if end:
-            prefixes = {known: prefix for prefix, known in element.nsmap.items()}
-            prefix = prefixes.get(uri[1:])
+            prefix = {known: prefix for prefix, known in element.nsmap.items()}.get(uri[1:])
             element.set(_TYPE, f"{prefix}:{name}" if prefix else name)
 
 

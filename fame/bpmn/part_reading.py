@@ -14,68 +14,31 @@ from typing import Any
 
 from fame.bpmn.difference import Comparison, elements_of
 from fame.bpmn.linked_forms import form_of, linked_form
-from fame.bpmn.model import CallActivity, Definitions, Human, Process, Topic
+from fame.bpmn.model import CallActivity, Definitions, Element, Human, Process, Topic
 from fame.bpmn.topics import TTL
 from fame.errors import ModelError
 
 
 @dataclass(frozen=True, slots=True)
 class Original:
-    """Processes of a file that became part of another. `ids`: old id -> new id. `calls`: called element -> new id."""
+    """Processes of a file that became part of another.
+
+    ids, calls           old id -> new id; called element -> new id of the process
+    types, acknowledged  qualified topic -> type; the topics whose signals are acknowledged
+    """
 
     file: Definitions
     processes: Collection[Process]
     ids: Mapping[str, str]
     calls: Mapping[str, str]
-
-
-def assert_same_reading(part: Definitions, original: Original, types: Mapping[str, str], ttl: Collection[str]) -> None:
-    """Raise ModelError for the first element that reads differently in a part.
-
-    `types` maps the qualified topics of the collaboration to types; those of `ttl` are acknowledged.
-    """
-    comparison = Comparison(original.ids, _Expected(original.file, original.calls, types, ttl), ("executable",))
-    for process in original.processes:
-        copy = part.process(original.ids.get(process.id, process.id))
-        pairs = zip_longest(elements_of(process), elements_of(copy) if copy is not None else ())
-        for before, now in pairs:
-            if before is None:
-                raise _fault(original.file, now[1], "it is not there in the whole model")
-            problems = ["it is missing"] if now is None else _problems(before, now, comparison)
-            for problem in problems:
-                raise _fault(original.file, before[1], problem)
-        if copy is not None and len(process.faults) != len(copy.faults):
-            raise _fault(original.file, process, "its faults differ")
-
-
-def _problems(before: tuple[str, Any], now: tuple[str, Any], comparison: Comparison) -> Iterator[str]:
-    (inner, old), (there, new) = before, now
-    ids = comparison.ids
-    if type(old) is not type(new) or new.id not in (old.id, ids.get(old.id)) or there not in (inner, ids.get(inner)):
-        yield f"{new.display_name} is in its place"
-    for name in comparison.fields(old, new):
-        if name != "name" or old.id == new.id:  # one that is told apart by its id keeps that as its name
-            yield f"{name.replace('_', ' ')} would differ"
-
-
-def _fault(file: Definitions, element: Any, problem: str) -> ModelError:
-    text = f"its part cannot be split off, {problem}: please report this file, it is a fault of FAME"
-    return ModelError.at(element, text, file=file.file)
-
-
-@dataclass(frozen=True, slots=True)
-class _Expected:
-    """What splitting makes of a value."""
-
-    file: Definitions
-    calls: Mapping[str, str]
     types: Mapping[str, str]
     acknowledged: Collection[str]
 
-    def __call__(self, value: Any) -> Any:
+    def expected(self, value: Any) -> Any:
+        """Return what splitting makes of a value of the model."""
         match value:
             case Topic():
-                ttl = TTL if value.qualified in self.acknowledged and not value.ttl else value.ttl
+                ttl = value.ttl or TTL * (value.qualified in self.acknowledged)
                 return replace(value, type=value.type or self.types.get(value.qualified), ttl=ttl)
             case CallActivity():
                 return replace(value, called=self.calls.get(value.called, value.called))
@@ -83,3 +46,28 @@ class _Expected:
                 return replace(value, form=form_of(self.file, value), linked="")
             case _:
                 return value
+
+
+def assert_same_reading(part: Definitions, original: Original) -> None:
+    """Raise ModelError for the first element that reads differently in a part."""
+    comparison = Comparison(original.ids, original.expected, ("executable",))
+    for process in original.processes:
+        copy = part.process(original.ids[process.id])
+        pairs = zip_longest(
+            elements_of(process), elements_of(copy) if copy is not None else (), fillvalue=("", process)
+        )
+        for before, now in pairs:
+            for problem in _problems(before, now, comparison):
+                text = f"its part cannot be split off, {problem}: please report this file, it is a fault of FAME"
+                raise ModelError.at(before[1], text, file=original.file.file)
+
+
+def _problems(before: tuple[str, Element], now: tuple[str, Element], comparison: Comparison) -> Iterator[str]:
+    (inner, old), (there, new), ids = before, now, comparison.ids
+    if type(old) is not type(new) or new.id not in (old.id, ids.get(old.id)) or there not in (inner, ids.get(inner)):
+        yield f"{new.display_name} is in its place"
+    for name in comparison.fields(old, new):
+        if name != "name" or old.id == new.id:  # one that is told apart by its id keeps that as its name
+            yield f"{name.replace('_', ' ')} would differ"
+    if isinstance(old, Process) and isinstance(new, Process) and len(old.faults) != len(new.faults):
+        yield "its faults would differ"

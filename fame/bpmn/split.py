@@ -119,13 +119,13 @@ def extract_process(
         targets = ((call.called, target) for call in calls if (target := find(file, call)) is not None)
         called = {name: ids[identity(home)][one.id] for name, (home, one) in targets}
         _update_calls(fragment, called)
-        originals.append(Original(file, processes, fragment.ids, called))
+        originals.append(Original(file, processes, fragment.ids, called, topic_types or {}, acknowledged))
     if fragments[0].collaboration is not None and name:
         next(fragments[0].collaboration.iterchildren(f"{_B}participant")).set("name", name)
     source = etree.tostring(_assemble(fragments), xml_declaration=True, encoding="UTF-8") + b"\n"
     part = read_bytes(source, file=definitions.file)
     for original in originals:
-        assert_same_reading(part, original, topic_types or {}, acknowledged)
+        assert_same_reading(part, original)
     return source
 
 

@@ -15,17 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import islice
 
-from fame.bpmn.model import (
-    Activity,
-    Body,
-    CompensateDefinition,
-    Expression,
-    FlowNode,
-    Gateway,
-    SequenceFlow,
-    SubProcess,
-    Task,
-)
+from fame.bpmn.model import Activity, Body, Expression, FlowNode, Gateway, SequenceFlow, SubProcess
 from fame.check.expressions import cover_all
 from fame.check.graph import FlowGraph, ends_all, graph_of, link_of, may_stop, passes_at_once, passes_in_time
 from fame.check.scope import CheckedProcess, CheckScope, Finding
@@ -44,7 +34,6 @@ def check_flow(scope: CheckScope) -> Iterator[Finding]:
             yield from _loose_ends(process, graph)
             for node in graph.body.nodes:
                 yield from _conditions(process, graph, node)
-                yield from _compensations(process, graph, node)
                 if isinstance(node, Gateway):
                     yield from _ways_out(process, graph, node)
 
@@ -73,19 +62,6 @@ def _loose_ends(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
         last = not node.outgoing and node.id in reached and node.id not in compensation | left
         if last and not (node.place == "end" or link_of(node) or node.triggered_by_event or isinstance(node, Gateway)):
             yield process.finding("warning", "has no outgoing flow, although other paths lead to an end event", node)
-
-
-def _compensations(process: CheckedProcess, graph: FlowGraph, node: FlowNode) -> Iterator[Finding]:
-    """Compensation of a task that has no handler, which does nothing (standard 13.5.5)."""
-    for definition in node.defined(CompensateDefinition):
-        task = graph.nodes.get(definition.activity or "")
-        if isinstance(task, Task) and not any(map(_compensates, graph.body.boundary(task.id))):
-            text = f"compensates {task.display_name}, which has no compensation handler: nothing is undone"
-            yield process.finding("warning", text, node)
-
-
-def _compensates(event: FlowNode) -> bool:
-    return bool(event.defined(CompensateDefinition))
 
 
 # ---- gateways --------------------------------------------------------------------------------------------------------
@@ -148,20 +124,8 @@ def check_start_and_end_events(scope: CheckScope) -> Iterator[Finding]:
             id(node.body) for node in process.nodes() if node.triggered_by_event or node.tag == "adHocSubProcess"
         }
         for graph in map(graph_of, process.bodies()):
-            yield from _wrong_way(process, graph)
             if id(graph.body) not in unordered:  # the one has no start event, the other cannot be without
                 yield from _no_start(process, graph)
-
-
-def _wrong_way(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
-    for flow in graph.body.flows:
-        source, target = graph.nodes[flow.source], graph.nodes[flow.target]
-        if source.place == "end":
-            text = f"leaves the end event {source.display_name}, where every token ends: this flow is never taken"
-            yield process.finding("warning", text, flow)
-        elif target.place == "start":
-            text = f"leads into the start event {target.display_name}, but start events have no incoming flows"
-            yield process.finding("warning", text, flow)
 
 
 def _no_start(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:

@@ -63,9 +63,11 @@ def check_guidelines(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _joins(definitions: Definitions, flow: MessageFlow) -> bool:
-    """Whether a message flow joins two messages."""
-    ends = {node.id for process in definitions.processes for node in process.body.walk() if list(node.topics())}
-    return {flow.source, flow.target} <= ends
+    """Whether a message flow leads from an element that sends to one that receives."""
+    nodes = (node for process in definitions.processes for node in process.body.walk())
+    return {(flow.source, True), (flow.target, False)} <= {
+        (node.id, throws) for node in nodes for _, throws in node.topics()
+    }
 
 
 def _needs(task: Task) -> str:

@@ -114,7 +114,10 @@ def _correlating(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator
         with suppress(MessageError):  # of a type that nobody knows
             fields = messages.fields(type or EMPTY_TYPE)
             if match is not None and match[1] not in fields:
-                text = f"correlates by {name}, but {type or EMPTY_TYPE} has no field {match[1]}: it receives nothing"
+                hint = "" if type is not None else ": set property type"
+                text = (
+                    f"correlates by {name}, but {type or EMPTY_TYPE} has no field {match[1]}: it receives nothing{hint}"
+                )
                 yield end.finding("error" if type is not None else "warning", text)
 
 
@@ -125,6 +128,7 @@ def _taking(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Find
     wanted = ", ".join([item.target for item in topic.takes] or names)
     if wanted and type is None:
         text = f"no event declares the type of topic {end.name}, so it is {EMPTY_TYPE}, which has no field for {wanted}"
+        text += ": set property type"
         yield end.finding("warning", text)
     elif type is not None and names and not topic.takes and not fields_taken(names, topic, type):
         fields = ", ".join(messages.fields(type)) or "none"

@@ -129,6 +129,11 @@ def whole(expected: str, low: int, high: float = math.inf) -> Callable[[str], in
     return read
 
 
+def namespace(text: str) -> str:
+    """Read a namespace, whose slash at the beginning may be left out."""
+    return text.strip("/")
+
+
 natural = whole("a whole number from 0 on", 0)
 positive = number("a number above 0", math.ulp(0.0), 1e15)  # from the smallest one
 

@@ -169,7 +169,7 @@ def _print_outcome(deployment: Deployment, migrated: migration.Migration) -> Non
         for each in deployment.robots.values()
     ]
     print(table(("robot", "state", "time", "reason"), rows), flush=True)
-    migrated.explain()
+    migrated.explain(deployment)
 
 
 def _print_json(deployment: Deployment, migrated: migration.Migration, failures: Mapping[str, str]) -> None:

@@ -44,8 +44,8 @@ def add(commands: Commands) -> None:
     add_options(parser)
 
 
-def add_options(parser: Parser) -> None:
-    """Declare names and options of an engine."""
+def add_options(parser: Parser, *, here: bool = True) -> None:
+    """Declare names and options of an engine. `here`: for an engine of this machine."""
     parser.add_argument(
         "names", nargs="+", type=_name, metavar="NAME",
         help="the robot's name and namespace; of several, each gets a process of its own, which starts faster than by "
@@ -84,7 +84,7 @@ def add_options(parser: Parser) -> None:
         "seed, which recordings contain)",
     )  # fmt: skip
     _add_storage(parser)
-    add_network(parser)
+    add_network(parser, here=here)
     add_library(parser)
 
 

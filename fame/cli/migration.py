@@ -111,8 +111,20 @@ class Migration:
     def exit_code(self, deployment: Deployment) -> int:
         return {"completed": 0, "failed": 1, "partial": NOT_KNOWN}[self.status(deployment)]
 
-    def explain(self) -> None:
-        """Say what the exploration found, with the run that shows it."""
+    def explain(self, deployment: Deployment) -> None:
+        """Say whether it is refused, what the exploration found, with the run that shows it, and who starts late."""
+        if (
+            self.is_explored
+            and any(each.state == "refused" for each in deployment.robots.values())
+            and not deployment.started
+        ):
+            note("the migration is refused: all robots continue with what they had")
+        if self.is_explored and not deployment.failed:
+            from fame.deploy.assignment import late_starts
+
+            running = [robot for robot, one in deployment.foreseen.items() if one.hash]
+            for text in late_starts(self._definitions, deployment.pools, self._library, running):
+                note(f"warning: {text}")
         for finding in self._found:
             note(f"{finding.level} in the migrated state: {finding.text}")
             for line in finding.steps():

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_json, add_time_unit, command, group
+from fame.cli.arguments import Commands, Parser, add_json, add_time_unit, command, group, namespace
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN, ConfigError
 
@@ -59,7 +59,9 @@ def add_inputs(parser: Parser) -> None:
         "--topic", default="/joint_states",
         help="topic that is read from bags, for a model of fame monitor adm learn (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics of --config")
+    parser.add_argument(
+        "--namespace", type=namespace, default="", metavar="NAME", help="namespace of relative topics of --config"
+    )
 
 
 def run_judge(arguments: Namespace) -> int:

@@ -54,8 +54,8 @@ _POLL = 20_000_000
 """Interval in which `wait_until` looks (ns)."""
 
 
-def add_network(parser: Parser) -> None:
-    """``--middleware``, ``--localhost`` and ``--network``."""
+def add_network(parser: Parser, *, here: bool = True) -> None:
+    """``--middleware``, ``--localhost`` and ``--network``. `here`: they are for this machine."""
     parser.add_argument(
         "--middleware", choices=BackendNames(), metavar="dds|zenoh|ros", default="dds",
         help="dds (default) or zenoh: compatible with ROS 2, which need not be installed; ros: through rclpy, which "
@@ -66,7 +66,7 @@ def add_network(parser: Parser) -> None:
         "--localhost", dest="network", action="store_const", const=None, help="this machine only (the default)"
     )
     reach.add_argument(
-        "--network", type=interface, metavar="IFACE",
+        "--network", type=interface if here else str, metavar="IFACE",
         help="use this network interface (name or address), in the domain ROS_DOMAIN_ID",
     )  # fmt: skip
     reach.add_argument(

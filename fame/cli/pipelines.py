@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fame.cli.arguments import Commands, add_json, add_time_unit, add_types, command, positive
+from fame.cli.arguments import Commands, add_json, add_time_unit, add_types, command, namespace, positive
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, MissionError, UnavailableError
@@ -55,7 +55,7 @@ def add_process(commands: Commands) -> None:
     parser.add_argument(
         "--frequency", type=positive, metavar="HZ", help="calls per second, instead of those of the configuration"
     )
-    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics")
+    parser.add_argument("--namespace", type=namespace, default="", metavar="NAME", help="namespace of relative topics")
     parser.add_argument("--graph", type=Path, metavar="FILE.svg", help="draw the configured pipeline and exit")
     add_types(parser)
     add_network(parser)
@@ -176,7 +176,7 @@ def add_record(commands: Commands) -> None:
     parser.add_argument(
         "--duration", type=positive, metavar="S", help="end after this many s of the robot's time (stamps)"
     )
-    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics")
+    parser.add_argument("--namespace", type=namespace, default="", metavar="NAME", help="namespace of relative topics")
     add_types(parser)
     add_network(parser)
     add_json(parser)
@@ -250,7 +250,9 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         "--config", type=Path, metavar="CONFIG.yaml", help="configuration whose Inputs are read from the bags of --data"
     )
-    parser.add_argument("--namespace", default="", metavar="NAME", help="namespace of relative topics of bags")
+    parser.add_argument(
+        "--namespace", type=namespace, default="", metavar="NAME", help="namespace of relative topics of bags"
+    )
     parser.add_argument(
         "--elements", action="store_true",
         help="read the mission's active element from bags, too (topic bpmn_events), for phase",

@@ -48,7 +48,7 @@ def add(commands: Commands) -> None:
         help="print a systemd unit that runs an engine, with the options of fame engine",
     )  # fmt: skip
     parser.add_argument("--user", metavar="NAME", help="the account that runs the engine (default: the current one)")
-    add_options(parser)
+    add_options(parser, here=False)
 
 
 def run(arguments: Namespace) -> int:

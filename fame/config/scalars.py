@@ -24,8 +24,6 @@ _WORDS |= {f".{word}": float("nan") for word in ("nan", "NaN", "NAN")}
 _PLAIN_NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?")
 PLAIN = "tag:fame:plain"
 """The tag of plain scalars."""
-_DATED = ("epoch",)
-"""Keys whose dates mean the same as texts."""
 
 
 def scalar(text: str) -> Any:
@@ -66,8 +64,8 @@ def note_change(text: str, place: str, new: Any, old: Any) -> None:
 
 def note_scalar(text: str, file: str, line: int, path: str) -> None:
     """Warn of a plain scalar of a file or option that was another value as YAML 1.1."""
-    if text[:1] in "yYnNoO+-.0123456789" and not _PLAIN_NUMBER.fullmatch(text) and path not in _DATED:
-        place = f"{file}:{line}: {path}" if file else path
+    if text[:1] in "yYnNoO+-.0123456789" and not _PLAIN_NUMBER.fullmatch(text) and path != "epoch":  # takes both
+        place = ": ".join(filter(None, (file and f"{file}:{line}", path)))
         note_change(text, place, scalar(text), earlier(text))
 
 

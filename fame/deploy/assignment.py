@@ -7,7 +7,7 @@ element, or any line of a text.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -65,6 +65,24 @@ def promises(definitions: Definitions, assigned: Mapping[str, Pool], library: Li
             others = {other: theirs for other, theirs in uses.items() if other != robot}
             promised[robot] |= _promised(topic, use, others)
     return promised
+
+
+def late_starts(
+    definitions: Definitions, assigned: Mapping[str, Pool], library: Library, running: Collection[str]
+) -> list[str]:
+    """Say of each robot that begins anew, and waits for a signal to start, which of the `running` ones throw it: those
+    continue from where they were, and may have thrown it already."""
+    uses = {robot: shared_topics(definitions, [pool], library) for robot, pool in assigned.items()}
+    found = []
+    for robot in sorted(assigned.keys() - set(running)):
+        starts = assigned[robot].process.body.events("start")
+        if any(not start.definitions for start in starts):
+            continue
+        for name, use in uses[robot].items():
+            others = [one for one in sorted(running) if name in uses.get(one, ()) and uses[one][name].throws]
+            if others and {end.node.id for end in use.catches} & {start.id for start in starts}:
+                found.append(f"{robot} waits for {name} to start, which {', '.join(others)} may have thrown already")
+    return found
 
 
 def receivers(

@@ -477,7 +477,7 @@ class EngineNode:
             self._on_warning(f"deployed model {envelope.hash[:12]} by {self._verifier.sender(envelope)}")
         go_on()
         self._suspend_inactive(self.running)
-        self._protocol.handle(Started(self._anew))
+        self._protocol.handle(Started("; ".join(filter(None, (self._anew, *candidate.apart.values())))))
 
     def _migrates(self, candidate: LoadedCandidate) -> bool:
         """Whether what runs goes over to a candidate."""
@@ -554,7 +554,11 @@ class EngineNode:
             envelope, self._loaded, node=self.node, scheduler=self.scheduler, middleware=self.middleware
         )
         self._loaded = None
-        self.candidate.match(lambda missing: self._protocol.handle(Matched(tuple(missing))))
+        self.candidate.match(partial(self._on_matched, self.candidate))
+
+    def _on_matched(self, candidate: LoadedCandidate, missing: Sequence[str]) -> None:
+        promised = [text for topic, text in candidate.apart.items() if topic in candidate.envelope.promises]
+        self._protocol.handle(Matched(tuple(missing), tuple(promised)))
 
     def _close_candidate(self) -> None:
         candidate, self.candidate = self.candidate, None

@@ -204,12 +204,17 @@ def _steps() -> Iterator[str]:
 
 
 _POLL = 0.02
+_SURE = 3 * SECOND
+"""After how long a mismatch that was known before still holds, if its topic is not connected yet (ns)."""
 LEAVING = round(2.5 * SECOND)
 """How long scripts may take to leave, should their own clock stand (ns)."""
 
 
 class LoadedCandidate:
-    """A loaded `process` and the `envelope` it came with. `node` is what asks the other robots."""
+    """A loaded `process` and the `envelope` it came with. `node` is what asks the other robots.
+
+    `apart` says what keeps its topics from ends that are there: for each topic of which that is known.
+    """
 
     def __init__(
         self, envelope: Envelope, process: RobotNode, *, node: Node, scheduler: Scheduler, middleware: Middleware
@@ -217,20 +222,34 @@ class LoadedCandidate:
         self.envelope: Envelope = envelope
         self.process: RobotNode = process
         self._node, self._scheduler, self._middleware = node, scheduler, middleware
+        self.apart: Mapping[str, str] = {}
+        self._known, self._sure = len(middleware.warnings), scheduler.now + _SURE  # older ones may be outdated
         self._next: Entry | None = None
         self._peers: Peers | None = None
 
     def match(self, done: Callable[[Sequence[str]], object]) -> None:
-        """Wait for the promised other ends of its topics; `done` gets those missing after `Envelope.matching` s."""
+        """Wait for the promised other ends of its topics; `done` gets those missing after `Envelope.matching` s.
+
+        Ends that do not match are not waited for, as soon as that is known: see `apart`.
+        """
         self._match(done, self._scheduler.now + round(self.envelope.matching * SECOND))
 
     def _match(self, done: Callable[[Sequence[str]], object], until: int) -> None:
         self.process.connect()
-        absent = _missing(self.envelope.promises, self.process.namespace, self._middleware)
-        if (absent or self._middleware.connecting(self.process.node)) and self._scheduler.now < until:
+        promises = self.envelope.promises
+        absent = _missing(promises, self.process.namespace, self._middleware)
+        connecting, late = self._middleware.connecting(self.process.node), self._scheduler.now >= until
+        apart = self._mismatches(0 if late or self._scheduler.now >= self._sure else self._known)
+        if (absent or any(topic not in apart for topic in connecting)) and not late:
             self._after(_POLL, partial(self._match, done, until))
-        else:
-            done(absent)
+            return
+        self.apart = {topic: apart[topic] for topic in connecting if topic in apart}
+        done(absent)
+
+    def _mismatches(self, first: int) -> Mapping[str, str]:
+        """What keeps its node from an end of a topic, by topic, from that warning of the middleware on."""
+        name, warnings = self.process.node.full_name, self._middleware.warnings[first:]
+        return {each.topic: str(each) for each in warnings if each.kind == "mismatch" and name in each.text}
 
     def await_sender(self, seconds: float, silence: Callable[[], object]) -> None:
         """Call `silence` after this many seconds, unless this method or `close` is called before."""

@@ -99,8 +99,8 @@ def step(state: RobotDeployment, event: RobotEvent) -> tuple[RobotDeployment, tu
             move.load()
         case Loaded():
             move.loaded(event)
-        case Matched(missing):
-            move.matched(missing)
+        case Matched(missing, apart):
+            move.matched(missing, apart)
         case Mapped(error):
             move.mapped(error)
         case Promised(error):
@@ -297,12 +297,13 @@ class _Transition:
                 self._do(Discard())
             self._load_next()
 
-    def matched(self, missing: tuple[str, ...]) -> None:
+    def matched(self, missing: tuple[str, ...], apart: tuple[str, ...]) -> None:
         candidate = self.state.candidate
         if candidate is None or candidate.stage != "matching":
             return
-        if missing and not self._is_promised(candidate.envelope.deployment):
-            self._drop("refused", f"{', '.join(missing)} not discovered within {candidate.envelope.matching:g} s")
+        if (missing or apart) and not self._is_promised(candidate.envelope.deployment):
+            absent = f"{', '.join(missing)} not discovered within {candidate.envelope.matching:g} s" if missing else ""
+            self._drop("refused", "; ".join(filter(None, (*apart, absent))))
         elif candidate.envelope.phase == "run":
             self._replace(candidate)
         elif candidate.envelope.migrate and self.state.running is not None:

@@ -151,9 +151,11 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class Matched:
-    """The result of `AwaitEndpoints`: the promised ends that are missing, as ``topic (publisher)``."""
+    """The result of `AwaitEndpoints`: the promised ends that are missing, as ``topic (publisher)``, and why others do
+    not match."""
 
     missing: tuple[str, ...] = ()
+    apart: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

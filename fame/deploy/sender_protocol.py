@@ -320,7 +320,7 @@ def _start(state: SenderState, now: int) -> tuple[SenderState, tuple[SenderActio
 
 def _refused(state: SenderState, refusal: str) -> tuple[SenderState, tuple[SenderAction, ...]]:
     """End a migration that must not start: each robot goes on with what it had."""
-    return _end(_map(state, lambda each: replace(each, reason=each.reason or refusal)), failed=True)
+    return _end(_map(state, lambda each: replace(each, state="refused", reason=each.reason or refusal)), failed=True)
 
 
 def _was_stopped(state: SenderState, now: int) -> bool:

@@ -211,7 +211,7 @@ def is_compensation_handler(node: model.FlowNode) -> bool:
 
 def compensable(context: ScopeCompiler, event: model.Event) -> None:
     """Make a compensation boundary event and link the handler associated with it."""
-    others = [one for one in context.content.boundary(event.attached_to) if one.defined(model.CompensateDefinition)]
+    others = [one for one in context.content.boundary(event.attached_to) if one.catches_compensation]
     inside = context.model[event.attached_to].body
     if len(others) > 1 or (inside is not None and any(map(is_compensation_handler, inside.nodes))):
         context.refuse("its activity has another compensation handler: expected one, which may be a sub-process", event)

@@ -12,7 +12,7 @@ sets also take the fields whose names their own begin with.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from enum import Enum
 from functools import cache
@@ -201,8 +201,7 @@ def seeing_fields(source: Compiled) -> Compiled:
 
     def evaluate(variables: dict[str, Any]) -> Any:
         message = variables["msg"]
-        names = message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", ())
-        return source(Variables(variables, {str(name): _descend(message, (name,)) for name in names}))
+        return source(Variables(variables, {str(name): _descend(message, (name,)) for name in field_names(message)}))
 
     return evaluate
 
@@ -278,12 +277,19 @@ def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str
 def match_prefix(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
     """Return the top-level field, as a path, for each variable whose name begins with that of the field."""
     found: dict[str, tuple[str, ...]] = {}
-    for field in message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", ()):
+    for field in field_names(message):
         free = [name for name in names if name not in found and name.startswith(field)]
         named = min(free, key=lambda name: (name != field, not name.startswith(f"{field}_")), default=None)
         if named is not None:
             found[named] = (field,)
     return found
+
+
+def field_names(value: Any) -> Iterable[str]:
+    """Return the keys of a mapping, or the fields of a message by their names in its `.msg` file."""
+    if isinstance(value, Mapping):
+        return value
+    return getattr(value, "__field_names__", ()) or getattr(value, "__dataclass_fields__", ())
 
 
 @cache
@@ -294,8 +300,7 @@ def is_wrapper(kind: type) -> bool:
 
 def _fields(message: Any, names: Sequence[str], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Yield the paths of the fields that a variable can take: innermost ones, and messages that one is named like."""
-    fields = message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", {})
-    for name in fields:
+    for name in field_names(message):
         value = message[name] if isinstance(message, Mapping) else getattr(message, name)
         if name not in names and (isinstance(value, Mapping) or hasattr(value, "__dataclass_fields__")):
             yield from _fields(value, names, (*path, name))

@@ -211,4 +211,6 @@ def _describe(error: BaseException, code: str) -> str:
         return f"error {code or 'without code'} was not caught{message}"
     if isinstance(error, MemoryError):
         return f"MemoryError: {str(error) or 'the script needs more memory than there is'}"
+    if isinstance(error, ModuleNotFoundError):
+        return f"ModuleNotFoundError: {error}: install it, or name its folder in PYTHONPATH"
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

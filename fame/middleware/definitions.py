@@ -217,9 +217,7 @@ def _message(lines: list[str], name: str) -> Definition:
         if entry.is_message and entry.name in written:
             raise MessageError("expected no default: only primitives have one", type=name, field=entry.name)
         seen.add(entry.name)
-    own = {
-        field.name: _default_of(field, written[field.name], name) for field in result.fields if field.name in written
-    }
+    own = {each.name: _default_of(each, written[each.name], name) for each in result.fields if each.name in written}
     return replace(result, defaults=MappingProxyType(own))
 
 

@@ -241,6 +241,11 @@ def _labels(column: Floats, path: Path, lines: Sequence[int]) -> Whole:
     return np.asarray(np.where(np.isfinite(column), column, 0), dtype=np.int64)
 
 
+def stamp_text(stamp: float) -> str:
+    """Write a stamp (s) to the nanosecond; since 1970 to the microsecond, which is what a number of seconds tells."""
+    return f"{stamp:.9f}" if abs(stamp) < 1e6 else f"{stamp:.6f}000"
+
+
 def hash_files(paths: Sequence[str | Path]) -> str:
     """Return the SHA-256 of the content of files, and of those in folders, in order. Raises ConfigError."""
     digest = hashlib.sha256()

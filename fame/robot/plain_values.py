@@ -193,11 +193,13 @@ def _field(value: Any, depth: int) -> Any:
 
 @cache
 def _is_simple(type: str) -> bool:
-    """Whether messages of a type have neither sequences nor long arrays, nor ones of float32 (orjson rounds)."""
+    """Whether messages of a type have neither sequences nor long arrays, nor ones of float32 (orjson rounds), and
+    attributes named like their fields."""
     fields = typesystem.definition(type).fields
     return bool(fields) and not any(
         field.shape == "sequence"
         or field.size > LONG
+        or field.name != field.attribute
         or (field.is_message and (field.shape != "single" or not _is_simple(field.base)))
         or (field.shape != "single" and field.base == "float32")
         for field in fields
@@ -214,7 +216,7 @@ def _texts(type: str) -> Sequence[str]:
 
 @cache
 def _message_fields(type: str) -> list[str]:
-    return [field.attribute for field in typesystem.definition(type).fields]
+    return [field.name for field in typesystem.definition(type).fields]
 
 
 def _cut(text: str, first: Any = None) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from typing import Any
 
 from fame.bpmn.model import DataObject, Process, Task, Topic
 from fame.config.loader import parse_document
-from fame.engine.data import UNDEFINED, match, variable_name
+from fame.engine.data import UNDEFINED, field_names, match, variable_name
 from fame.engine.host import BpmnError
 from fame.engine.program import Compiled
 from fame.errors import ConfigError, MessageError, ModelError
@@ -136,7 +136,8 @@ def _outputs(task: Task, topic: Topic, objects: list[DataObject], response: Any)
     """The variables that a response sets."""
     kept = {task.result_variable: response} if task.result_variable else {}
     if task.io is not None and task.io.outputs:
-        fields = {name: getattr(response, name) for name in response.__dataclass_fields__}
+        names = (*response.__dataclass_fields__, *field_names(response))
+        fields = {name: getattr(response, name) for name in names}
         return {"msg": response, **fields, **kept}
     if kept:
         return kept

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.imports import require
-from fame.intervals import wilson
+from fame.intervals import nearest_rank, wilson
 from fame.scenario.property_statistics import (
     CampaignRow,
     counts,
@@ -92,12 +92,11 @@ def _unmeasured(found: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _spread(values: Sequence[Any]) -> dict[str, float]:
-    """Mean and quantiles of the numbers among some values; of booleans the share that is true."""
+    """Mean and quantiles, by nearest rank, of the numbers among some values; of booleans the share that is true."""
     numbers = [float(value) for value in values if isinstance(value, bool) or is_number(value)]
     if not numbers:
         return {}
-    ordered = sorted(numbers)
-    cut = {name: ordered[min(int(share * len(ordered)), len(ordered) - 1)] for name, share in _QUANTILES.items()}
+    cut = {name: nearest_rank(numbers, share) for name, share in _QUANTILES.items()}
     return {"mean": round(statistics.fmean(numbers), 6), **{name: round(value, 6) for name, value in cut.items()}}
 
 
@@ -336,6 +335,9 @@ def _histogram(values: Sequence[float]) -> str:
 
 def _svg(figure: Figure) -> str:
     """A figure as an element of a page or a file of its own."""
+    from matplotlib import rc_context
+
     text = StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None})
+    with rc_context({"svg.hashsalt": "fame"}):  # the same rows give the same page
+        figure.savefig(text, format="svg", metadata={"Date": None})
     return text.getvalue()[text.getvalue().index("<svg") :]

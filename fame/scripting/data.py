@@ -25,6 +25,10 @@ PLAIN = frozenset({int, float, str, bool, type(None), list, tuple, dict})
 NUMBERS = frozenset({int, float})
 
 
+_TABLES = ("__field_names__", "__dataclass_fields__", "__dict__")
+"""Where the names of fields are; the second has `class_` for the field `class` of a message, as until 0.3."""
+
+
 class Undefined(NameError):
     """A name that is not set, or a field that an object does not have."""
 
@@ -62,7 +66,7 @@ def field(value: Any, name: str) -> Any:
         return checked(value.get(name), name)
     if value is None:
         return None
-    if name in getattr(type(value), "__dataclass_fields__", ()) or name in getattr(value, "__dict__", ()):
+    if any(name in getattr(value, table, ()) for table in _TABLES):
         return checked(getattr(value, name), name)
     known = ", ".join(_fields(value))
     raise Undefined(f"{type(value).__name__} has no field `{name}`" + (f"; it has {known}" if known else ""))
@@ -103,7 +107,8 @@ def fields_of(value: Any) -> dict[str, Any]:
 
 
 def _fields(value: Any) -> list[str]:
-    names = [*getattr(type(value), "__dataclass_fields__", ()), *getattr(value, "__dict__", ())]
+    of_type = getattr(value, "__field_names__", ()) or getattr(value, "__dataclass_fields__", ())
+    names = [*of_type, *getattr(value, "__dict__", ())]
     return [name for name in dict.fromkeys(names) if not name.startswith("_")]
 
 

@@ -31,7 +31,7 @@ _TOKEN = re.compile(
 _ESCAPE = re.compile(
     r"\\(u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}|u[0-9a-fA-F]{4}|U[0-9a-fA-F]{6}|.)", re.DOTALL
 )
-_ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f"}
+_ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "\\": "\\", '"': '"', "'": "'"}
 
 
 TokenKind = Literal["number", "text", "name", "operator", "end"]
@@ -88,8 +88,8 @@ def _token(match: re.Match[str], place: int) -> Token:
 
 def _unescape(match: re.Match[str]) -> str:
     code = match.group(1)
-    if len(code) == 1:  # a letter that is no escape is one of a regular expression, such as \\d
-        return _ESCAPED.get(code, match.group() if code.isalnum() else code)
+    if len(code) == 1:  # what is no escape (DMN 1.5, rule 65) is one of a regular expression: \\d, \\.
+        return _ESCAPED.get(code, match.group())
     if len(code) == 11:  # two halves of UTF-16 are one letter
         return bytes.fromhex(code[1:5] + code[7:]).decode("utf-16-be")
     point = int(code[1:], 16)

@@ -11,7 +11,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from math import ceil
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from fame.bpmn.model import FlowNode, Human
 from fame.clock import SECOND
 from fame.deploy import model_hash
 from fame.errors import ConfigError, FameError
+from fame.intervals import nearest_rank
 from fame.view.blocks import COLUMNS, Block
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import mission_json
@@ -48,16 +48,10 @@ class ElementHeat:
         return {
             "times": self.times,
             "failures": self.failures,
-            "p50": nearest_rank(self.seconds, 0.5),
-            "p95": nearest_rank(self.seconds, 0.95),
+            "p50": round(nearest_rank(self.seconds, 0.5), 3) if self.seconds else None,
+            "p95": round(nearest_rank(self.seconds, 0.95), 3) if self.seconds else None,
             "waiting": round(self.waiting, 3),
         }
-
-
-def nearest_rank(values: Sequence[float], fraction: float) -> float | None:
-    """Return the percentile by nearest rank: the least value that at least this fraction of the
-    values do not exceed."""
-    return round(sorted(values)[max(0, ceil(fraction * len(values)) - 1)], 3) if values else None
 
 
 def heat_of(blocks: Sequence[Block], catalogue: Catalogue) -> dict[int, ElementHeat]:

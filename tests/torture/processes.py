@@ -7,6 +7,7 @@ process keeps the entries that became due, in their order, and its steady clock 
 from __future__ import annotations
 
 import random
+import uuid
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,9 +19,7 @@ from uuid import UUID
 
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
 from fame.deploy import engine_node
-from fame.middleware import actions
 from fame.robot import journal
-from fame.scripting import runner
 from fame.worker import Done, Worker, outcome
 
 from .disks import Disk, PowerLoss
@@ -38,7 +37,7 @@ def ids_of(seed: int) -> Iterator[None]:
         return UUID(int=chance.getrandbits(128), version=4)
 
     with ExitStack() as patches:
-        for module in (actions, engine_node, journal, runner):
+        for module in (uuid, engine_node, journal):  # others import it when they draw
             patches.enter_context(patch.object(module, "uuid4", draw))
         patches.enter_context(
             patch.object(engine_node, "new_seed", partial(random.Random(f"{seed} seeds").getrandbits, 32))

@@ -8,6 +8,7 @@ from typing import Literal, TypeVar
 
 from fame.bpmn.model.elements import (
     Assignment,
+    CompensateDefinition,
     DataObject,
     Element,
     EventDefinition,
@@ -137,6 +138,11 @@ class FlowNode(Element):
     def defined(self, kind: type[_Kind]) -> list[_Kind]:
         """Return its event definitions of one kind."""
         return [one for one in self.definitions if isinstance(one, kind)]
+
+    @property
+    def catches_compensation(self) -> bool:
+        """Whether it is a compensation boundary event."""
+        return self.place == "boundary" and bool(self.defined(CompensateDefinition))
 
     def texts(self) -> Iterator[Text]:
         """Yield every script and expression with its use, but those that read a caught message as ``msg``."""

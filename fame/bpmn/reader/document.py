@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Literal
 
 from fame.bpmn.model import Artifact, Bounds, Definitions, Edge, Element, MessageFlow, Note, Participant, Process, Shape
+from fame.bpmn.reader.connections import check_single_parts
 from fame.bpmn.reader.context import Context, boolean_attribute, boolean_property, whole_number
 from fame.bpmn.reader.data import data_elements, data_ids, data_variables, shared_stores
 from fame.bpmn.reader.dialects import is_original_fame, note_misspelt_namespaces, read_extensions
@@ -174,6 +175,7 @@ def _process(context: Context, element: Node) -> Process:
         context, data_ids(data), data_variables(data), topics is not None and topics.value.strip() == "labels"
     )
     body = read_body(process, element, parts)
+    check_single_parts(context, element)
     executable = boolean_attribute(context, element, "isExecutable", True)
     bound = whole_number(context, element, "instances", instances.value, 1) if instances is not None else None
     is_optional = boolean_property(context, element, "optional", optional.value) if optional is not None else False

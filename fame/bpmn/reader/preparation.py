@@ -13,6 +13,7 @@ from copy import deepcopy
 
 from lxml import etree
 
+from fame.bpmn.namespaces import expand_types
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects.original_fame import CALL, DATA, QOS, ROS
 from fame.bpmn.reader.xml import (
@@ -89,6 +90,7 @@ def _parse_embedded(context: Context, holder: Node, text: str) -> tuple[Node, li
     source = f'<definitions xmlns="{BPMN}" {namespaces}>{text}</definitions>'.encode()
     try:
         inner = parse_any(source, context.file)
+        expand_types(inner)
     except Exception as error:
         raise context.error(holder, f"its embedded process cannot be read: {error}") from None
     process = next(inner.iter(f"{{{BPMN}}}process"), None)

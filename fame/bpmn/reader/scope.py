@@ -13,7 +13,6 @@ from fame.bpmn.model import (
     TASKS,
     Activity,
     Body,
-    CompensateDefinition,
     Event,
     Expression,
     FlowNode,
@@ -22,6 +21,7 @@ from fame.bpmn.model import (
     SubProcess,
 )
 from fame.bpmn.reader.activities import read_activity, read_call, read_task
+from fame.bpmn.reader.connections import check_connections
 from fame.bpmn.reader.context import Context, boolean_property
 from fame.bpmn.reader.data import read_data_objects
 from fame.bpmn.reader.dialects import read_extensions
@@ -52,7 +52,7 @@ def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
     """Read the content of a process or sub-process.
 
     Faults are elements that BPMN 2.0 does not define, sequence flows and boundary events whose ends are missing or in
-    another scope, and default flows that do not leave their node.
+    another scope, default flows that do not leave their node, and what `check_connections` finds.
     """
     context = process.context
     wiring, flows = _wiring(context, element, parts)
@@ -64,12 +64,14 @@ def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
         else:
             node = read(process, one, wiring)
             nodes[node.id] = node
-    return Body(
+    body = Body(
         nodes=tuple(_checked(context, node, nodes) for node in nodes.values()),
         flows=tuple(_flow(context, one) for one in flows),
         data_objects=read_data_objects(context, parts),
         associations=tuple(_associations(context, nodes)),
     )
+    check_connections(context, body)
+    return body
 
 
 def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Connections, list[Node]]:
@@ -182,13 +184,9 @@ def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[t
         source, target = resolve(nodes, one.get("sourceRef")), resolve(nodes, one.get("targetRef"))
         if source is None or target is None:
             continue
-        if _is_compensation_event(target) and not _is_compensation_event(source):
+        if target.catches_compensation and not source.catches_compensation:
             source, target = target, source
         yield source.id, target.id
-
-
-def _is_compensation_event(node: FlowNode) -> bool:
-    return node.place == "boundary" and bool(node.defined(CompensateDefinition))
 
 
 # ---- flow nodes ------------------------------------------------------------------------------------------------------

@@ -599,7 +599,7 @@ def field_names(types: Mapping[str, TopicUse]) -> frozenset[str]:
     every = reachable(
         (use.type for use in types.values()), lambda name: [one.base for one in _fields(name) if one.is_message]
     )
-    return frozenset(one.attribute for name in every for one in _fields(name))
+    return frozenset(word for name in every for one in _fields(name) for word in (one.name, one.attribute))
 
 
 def _fields(name: str) -> tuple[Field, ...]:

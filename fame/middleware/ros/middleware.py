@@ -9,20 +9,22 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import mismatch_warning
-from fame.middleware.interface import EndpointWarning, TopicInfo, resolve
+from fame.middleware.interface import SIGNAL, EndpointWarning, QoS, TopicInfo, resolve
 from fame.middleware.qos import compatible, mismatch
 from fame.middleware.ros.endpoints import (
     RosClient,
@@ -35,7 +37,9 @@ from fame.middleware.ros.endpoints import (
     from_profile,
     owner,
 )
+from fame.middleware.simulated_time import CLOCK
 from fame.middleware.wire_base import NAMING_DELAY, EndpointClasses, WireMiddleware, WireNode
+from fame.middleware.wire_endpoints import Callback
 
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOOK = SECOND
@@ -88,6 +92,13 @@ class RosMiddleware(WireMiddleware):
     def use_sim_time(self) -> bool:
         """Whether the parameter of that name says that time is that of ``/clock``."""
         return bool(self.observer.get_parameter("use_sim_time").value)
+
+    def keep_clock(self, parameters: Sequence[Any]) -> SetParametersResult:
+        """Refuse to change the clock of a process: what runs in it was begun by the other one."""
+        follows = self.follows_clock()
+        wrong = any(each.name == "use_sim_time" and bool(each.value) is not follows for each in parameters)
+        text = "use_sim_time is decided when the process starts: --use-sim-time, or --ros-args -p use_sim_time:=true"
+        return SetParametersResult(successful=not wrong, reason=text if wrong else "")
 
     def node(self, name: str, namespace: str = "", part: str = "") -> RosNode:
         """Make a node. Several may have the same name, as in ROS. Raises ConfigError if ROS refuses the name.
@@ -214,7 +225,20 @@ class RosNode(WireNode):
         except Exception as error:  # rclpy raises what its C++ gives it
             text = " ".join(str(error).split())
             raise ConfigError(f"ROS 2 refuses a node /{namespace}/{name}: {text}") from None
+        if namespace and (given := made.get_namespace()) != f"/{namespace}":
+            made.destroy_node()
+            raise ConfigError(
+                f"the namespace of robot {namespace} is its name, but ROS arguments or a launch file make it {given}: "
+                "take __ns, namespace= or PushRosNamespace away"
+            )
+        made.add_on_set_parameters_callback(middleware.keep_clock)
         middleware.executor.add_node(made)
+        return made
+
+    def subscription(self, topic: str, type: str, callback: Callback, qos: QoS = SIGNAL) -> Any:
+        made = super().subscription(topic, type, callback, qos)
+        if made.topic == CLOCK and self._is_own:  # its parameter says what it follows
+            self.ros.set_parameters([Parameter("use_sim_time", value=True)])
         return made
 
     def close(self) -> None:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats, Whole
-from fame.monitor.data_files import LABEL, RUN, STAMP, CsvTable, read_table
+from fame.monitor.data_files import LABEL, RUN, STAMP, CsvTable, read_table, stamp_text
 from fame.text import writing
 
 NEAR = 0.5
@@ -284,7 +284,7 @@ def write_csv(path: str | Path, recording: Recording) -> None:
         rows = csv.writer(stream, lineterminator="\n")
         rows.writerow([*([STAMP] if recording.stamps is not None else []), RUN, *recording.joints, LABEL])
         for index, values in enumerate(recording.values):
-            stamp = [] if recording.stamps is None else [f"{recording.stamps[index]:.9f}"]
+            stamp = [] if recording.stamps is None else [stamp_text(recording.stamps[index])]
             cells = [_FORMAT % value for value in values]
             rows.writerow([*stamp, int(recording.runs[index]), *cells, int(recording.labels[index])])
 

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.middleware import codec
-from fame.monitor.data_files import ELEMENT, RUN, STAMP
+from fame.monitor.data_files import ELEMENT, RUN, STAMP, stamp_text
 from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.input_node import ThrottledReport
@@ -187,7 +187,7 @@ class CsvFile:
         end = "\n" if self._follower is None else ",%s\n"
         for topic, names in of_topics.items():
             after = total - before - len(names)
-            line = "%.9f,%d" + "," * before + ",%.16g" * len(names) + "," * after + end
+            line = "%s,%d" + "," * before + ",%.16g" * len(names) + "," * after + end
             self._places[topic] = (names, line)
             before += len(names)
         for row in waiting:
@@ -201,7 +201,7 @@ class CsvFile:
             self._report(f"columns {topic}", f"{topic}: left out: {len(cells)} values for {len(names)} columns")
             return
         element = [self._follower.element_at(row.stamp)] if self._follower is not None else []
-        self._lines.append(line % (row.stamp, row.run + self.first_run, *cells, *element))
+        self._lines.append(line % (stamp_text(row.stamp), row.run + self.first_run, *cells, *element))
         self.rows += 1
 
 
@@ -398,6 +398,7 @@ class Influx:
             self._post(self._write_url, batch)
             self.sent += batch.count(b"\n")
         except urllib.error.HTTPError as error:
+            error.close()
             if error.code >= 500:
                 return self._report_unreachable(f"HTTP {error.code}")
             with self._refused.open("ab") as stream:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 from fame.engine.data import Variables
 from fame.scripting.budget import spend
 from fame.scripting.data import Evaluate, fields_of, is_list, is_number, plain
-from fame.scripting.feel.values import Range
+from fame.scripting.feel.values import Moment, Range, moment, temporal
 from fame.scripting.grammar import ExpressionParser, listing
 
 # ---- lists, ranges, contexts, iterations -----------------------------------------------------------------------------
@@ -114,15 +115,32 @@ def _domain(parser: ExpressionParser, before: list[str]) -> tuple[str, Callable[
     def items(variables: Mapping[str, Any]) -> Iterable[Any]:
         value = first(variables)
         if last is not None:
-            end = last(variables)
-            if not (isinstance(value, int) and isinstance(end, int)):
-                return ()
-            return range(value, end + 1) if value <= end else range(value, end - 1, -1)
-        if isinstance(value, Range) and isinstance(value.low, int) and isinstance(value.high, int):
-            return range(value.low + (not value.with_low), value.high + value.with_high)
-        return value if is_list(value) else () if value is None else (value,)
+            return _steps(value, last(variables))
+        if isinstance(value, Range):
+            steps = _steps(value.low, value.high)
+            return steps[(not value.with_low) : len(steps) - (not value.with_high)]
+        if value is None:
+            raise _NoItemsError
+        return value if is_list(value) else (value,)
 
     return name, items
+
+
+class _NoItemsError(Exception):
+    """What is iterated over is null."""
+
+
+def _steps(start: Any, end: Any) -> Sequence[Any]:
+    """The whole numbers or dates from one to another, up or down. Raises _NoItemsError for other ends."""
+    if isinstance(start, int) and isinstance(end, int):
+        return range(start, end + 1) if start <= end else range(start, end - 1, -1)
+    try:
+        first, last = moment(start, "date"), moment(end, "date")
+    except ValueError:
+        raise _NoItemsError from None
+    days = _steps(first.at.toordinal(), last.at.toordinal())
+    spend(10 * len(days))
+    return [temporal(Moment("date", datetime.fromordinal(day).replace(tzinfo=UTC))) for day in days]
 
 
 def iteration(parser: ExpressionParser) -> Evaluate:
@@ -131,10 +149,13 @@ def iteration(parser: ExpressionParser) -> Evaluate:
     parser.expect("return")
     result = parser.inside([*names, "partial"])
 
-    def evaluate(variables: Mapping[str, Any]) -> list[Any]:
+    def evaluate(variables: Mapping[str, Any]) -> list[Any] | None:
         results: list[Any] = []
-        for inner in scopes(scope(variables, {"partial": results})):
-            results.append(result(inner))  # noqa: PERF401 - the results so far are seen from inside
+        try:
+            for inner in scopes(scope(variables, {"partial": results})):
+                results.append(result(inner))  # noqa: PERF401 - the results so far are seen from inside
+        except _NoItemsError:
+            return None
         return results
 
     return evaluate
@@ -157,12 +178,27 @@ def context(parser: ExpressionParser) -> Evaluate:
     return evaluate
 
 
-def quantified(join: Callable[[Iterable[bool]], bool]) -> Callable[[ExpressionParser], Evaluate]:
+def quantified(decisive: bool) -> Callable[[ExpressionParser], Evaluate]:
+    """``some`` (true is decisive) and ``every`` (false is): of three values, as ``or`` and ``and``."""
+
     def quantified(parser: ExpressionParser) -> Evaluate:
         names, scopes = _iterated(parser)
         parser.expect("satisfies")
         test = parser.inside(names)
-        return lambda variables: join(test(inner) is True for inner in scopes(variables))
+
+        def evaluate(variables: Mapping[str, Any]) -> Any:
+            undecided: bool | None = not decisive
+            try:
+                for inner in scopes(variables):
+                    value = test(inner)
+                    if value is decisive:
+                        return decisive
+                    undecided = undecided if isinstance(value, bool) else None
+            except _NoItemsError:
+                return None
+            return undecided
+
+        return evaluate
 
     return quantified
 

@@ -57,7 +57,15 @@ class Moment:
 
     def _time(self) -> str:
         text = self.at.time().isoformat()
-        return (text.rstrip("0") if "." in text else text) + self.zone
+        zone = self.zone
+        if self.at.fold and zone[:1] == "@":
+            zone = f"{self.at.isoformat()[-6:]}[{zone[1:]}]"
+        return (text.rstrip("0") if "." in text else text) + zone
+
+    @property
+    def instant(self) -> datetime:
+        """What is compared: in UTC, since Python compares dates of one zone by what its clocks say."""
+        return self.at.astimezone(UTC) if self.zone[:1] == "@" and 1 < self.at.year < 9999 else self.at
 
 
 def are_times(left: Any, right: Any) -> bool:
@@ -80,8 +88,12 @@ def parsed(text: str) -> Moment | Duration:
         raise ValueError(f"{text!r} is neither a date nor a time nor a duration")
     kind = " and ".join(kind for kind in ("date", "time") if found[kind])
     day, clock = found["date"] or "1970-01-01", found["time"] or "00:00"
-    zone, shown = zone_of(found["named"] or found["bracketed"] or found["offset"] or "")
-    return Moment(kind, datetime.combine(date.fromisoformat(day), time.fromisoformat(clock), zone), shown)
+    name = found["named"] or found["bracketed"]
+    zone, shown = zone_of(name or found["offset"] or "")
+    at = datetime.combine(date.fromisoformat(day), time.fromisoformat(clock), zone)
+    if name and found["offset"] and "0002" <= (found["date"] or "") < "9999":  # which of two times in autumn it is
+        at = at.replace(tzinfo=zone_of(found["offset"])[0]).astimezone(zone)
+    return Moment(kind, at, shown)
 
 
 def zone_of(text: str) -> tuple[tzinfo, str]:
@@ -104,10 +116,11 @@ def moment(value: Any, *kinds: str) -> Moment:
 
 
 def temporal(value: Moment | Duration) -> Temporal:
-    """Return the text of a moment or duration. Raises ValueError for one without text: too long, or of mixed sign."""
+    """Return the text of a moment or duration. Raises ValueError for what FEEL does not have: too long ones, and months
+    beside days."""
     if not isinstance(value, Duration):
         return Temporal(value)
-    if value.months * value.rest < 0 or abs(value.months) >= _LONGEST * 12 or abs(value.rest) >= _LONGEST * DAY:
+    if (value.months and value.rest) or abs(value.months) >= _LONGEST * 12 or abs(value.rest) >= _LONGEST * DAY:
         raise ValueError("no text has this duration")
     return Temporal(f"-{-1 * value}" if (value.months or value.rest) < 0 else value)
 
@@ -135,7 +148,7 @@ def compared(compare: Callable[[Any, Any], bool], left: str, right: str) -> bool
     if isinstance(first, Moment) and isinstance(second, Moment):
         if compare is operator.eq and first.kind == second.kind and not _alike(first, second):
             return False
-        return bool(compare(first.at, second.at)) if _alike(first, second) else None
+        return bool(compare(first.instant, second.instant)) if _alike(first, second) else None
     if isinstance(first, Moment) or isinstance(second, Moment):
         return None
     if (first.months or second.months) and (first.rest or second.rest):
@@ -281,7 +294,7 @@ def identity(value: Any) -> Any:
     spend(1)
     if value.__class__ is Temporal:
         found = parsed(value)
-        return found if isinstance(found, Duration) else (found.kind, bool(found.zone), found.at)
+        return found if isinstance(found, Duration) else (found.kind, bool(found.zone), found.instant)
     if isinstance(value, bool):
         return ("boolean", value)
     if isinstance(value, Mapping):

@@ -49,10 +49,26 @@ def read_extensions(context: Context, element: Node) -> Extensions:
                 read_attribute(context, element, name, element.get(key, ""), found)
     for holder in element.iterchildren(_EXTENSION_ELEMENTS):
         for extension in holder:
-            read_element = ELEMENT_ADAPTERS.get(extension.tag[1:].partition("}")[0])
+            namespace = extension.tag[1:].partition("}")[0]
+            read_element = ELEMENT_ADAPTERS.get(namespace)
             if read_element is not None:
                 read_element(context, extension, found)
+            elif not _DECORATION.search(extension.tag):
+                _note_foreign(context, element, namespace)
     return found
+
+
+_DECORATION = re.compile(
+    "signavio|bizagi|metaData|style|stencil|aris/|boc-group|visual|modeler|colou?r|bpmn[.]io|trisotech|yaoqiang", re.I
+)
+"""In the names of extension elements of modelers, which say how an element looks or is filed."""
+
+
+def _note_foreign(context: Context, element: Node, namespace: str) -> None:
+    """Note once that extension elements of another engine, which may say what is done, are not executed."""
+    text = f"extension elements of {namespace or 'no namespace'} are kept, but not executed"
+    if not any(note.text == text for note in context.notes):
+        context.note(element, text)
 
 
 def is_original_fame(root: Node) -> bool:
