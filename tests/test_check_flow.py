@@ -134,6 +134,10 @@ FORBIDDEN = {
         + flows("s g c", "g w", "g b"),
         "error: g-b: leads to b, which has boundary events: expected further events of the gateway",
     ),
+    "a start event with a trigger in a sub-process": (
+        row(f'<subProcess id="p"><startEvent id="ps"/>{event("startEvent", "pt", "done")}</subProcess>'),
+        "error: pt: starts nothing, since a sub-process starts at a none start event: expected an event sub-process",
+    ),
     "two times of a timer": (
         START + WAIT.replace("<timeDuration", "<timeDate>2026-01-01</timeDate><timeDuration") + flows("s w"),
         "error: w: has two of <timeDate> and <timeDuration>: expected one time",

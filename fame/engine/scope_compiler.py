@@ -175,19 +175,9 @@ class ScopeCompiler:
     ) -> tuple[tuple[str, Compiled], ...]:
         return tuple((name, self.expression(source, element)) for name, source in pairs)
 
-    def mapping(
-        self,
-        items: Sequence[model.Assignment],
-        element: model.Element,
-        seeing: Callable[[Compiled], Compiled] | None = None,
-    ) -> tuple[tuple[str, Compiled], ...]:
-        """Compile the assignments of a mapping; `seeing` adds names to what expressions in FEEL see."""
+    def mapping(self, items: Sequence[model.Assignment], element: model.Element) -> tuple[tuple[str, Compiled], ...]:
+        """Compile the assignments of a mapping."""
         plain = self.assignments(((item.target, item.source) for item in items), element)
-        if seeing is not None:
-            pairs = zip(items, plain, strict=True)
-            plain = tuple(
-                (name, seeing(source) if item.source.language == "feel" else source) for item, (name, source) in pairs
-            )
         return tuple(
             (name, data.with_inputs(plain[:place], source, in_order=True) if items[place].in_order else source)
             for place, (name, source) in enumerate(plain)

@@ -122,7 +122,10 @@ def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic:
     if catch.queue or catch.trigger is waiting.MESSAGE:
         context.compiler.program.selective.add(catch.topic)
     objects = [context.objects[id] for id in element.data_outputs if id in context.objects]
-    takes = context.mapping(topic.takes, element, data.seeing_fields)
+    takes = [
+        (name, data.seeing_fields(source) if item.source.language == "feel" else source)
+        for item, (name, source) in zip(topic.takes, context.mapping(topic.takes, element), strict=True)
+    ]
     catch.take = data.receiver(topic, objects, takes, context.compiler.unfilled)
 
 

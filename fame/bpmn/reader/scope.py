@@ -237,9 +237,15 @@ def _sub_process(process: ProcessContext, element: Node, wiring: Connections) ->
     completion, active = node.parts.get("completionCondition"), node.extensions.active.strip()
     listed = node.extensions.take("activities") if local_name(element) == "adHocSubProcess" else None
     active = listed.value if listed is not None else active
+    kind, body = _SUB_PROCESSES[local_name(element)], read_body(process, element, node.parts)
+    starts = body.events("start") if not node.flag("triggeredByEvent") else []
+    for event in starts if len(starts) > 1 else ():  # without a none start event it cannot be entered at all
+        if event.definitions:
+            text = "starts nothing, since a sub-process starts at a none start event: expected an event sub-process"
+            process.context.fault(process.context.elements[event.id], text)
     return SubProcess(
-        kind="event" if node.flag("triggeredByEvent") else _SUB_PROCESSES[local_name(element)],
-        body=read_body(process, element, node.parts),
+        kind="event" if node.flag("triggeredByEvent") else kind,
+        body=body,
         resume=boolean_property(node.context, element, "resume", resume.value) if resume is not None else False,
         completion=condition_of(node.context, completion[0]) if completion else None,
         active=variable_or_expression(node.context, element, active) if active else None,
