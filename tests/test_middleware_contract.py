@@ -92,7 +92,7 @@ REFUSED = {
     "std_msgs/msg/Int64": {"data": 0.5},
     "std_msgs/msg/String": {"data": "a\0b"},
     "std_msgs/msg/UInt8MultiArray": {"data": [-1]},
-    "shape_msgs/msg/SolidPrimitive": {"dimensions": [1.0, 2.0, 3.0, 4.0]},  # of at most 3
+    "rcl_interfaces/msg/ParameterDescriptor": {"integer_range": [{}, {}]},  # of at most one
     "unique_identifier_msgs/msg/UUID": {"uuid": [0] * 15},
     "sensor_msgs/msg/JointState": {"name": [None]},
     "geometry_msgs/msg/PoseStamped": {"header": None},
