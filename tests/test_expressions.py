@@ -429,7 +429,6 @@ def test_the_date_of_the_mission_is_found_from_the_variables_of_any_scope() -> N
         ('=det.class = "person" and det.from = 3', "feel"),
         ('=[det][class = "person"].from = [3]', "feel"),
         ("det.class_ == 'person' and det.from_ == 3", "python"),
-        ("environment.variables.det.class == 'person' && environment.variables.det.from == 3", "javascript"),
     ],
 )
 def test_a_field_has_the_name_of_its_msg_in_every_language(

@@ -15,7 +15,7 @@ import fame
 from fame.bpmn.model import Expression
 from fame.engine.data import Variables
 from fame.errors import ModelError, UnavailableError
-from fame.middleware import messages
+from fame.middleware import messages, typesystem
 from fame.scripting import compile_expression, compile_script
 
 
@@ -535,3 +535,10 @@ def test_a_large_collection_may_be_changed_in_a_callback_that_does_not_look_at_i
 def test_an_async_function_that_throws_is_thought_of_when_nothing_is_left() -> None:
     error = error_of("(async () => { await null; JSON.parse('{'); next() })()")
     assert "an async function may have thrown" in str(error)
+
+
+def test_a_field_has_the_name_of_its_msg(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(typesystem, "_definitions", dict(typesystem._table()))
+    (type,) = messages.register("string class", "keyword_msgs/msg/Named")
+    det = messages.create(type, {"class": "person"})
+    assert value("environment.variables.det.class == 'person'", det=det) is True

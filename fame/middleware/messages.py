@@ -167,24 +167,22 @@ def nanoseconds(time: Any) -> int:
 def _class(name: str) -> type[Message]:
     content = typesystem.definition(name)
     fields = [(field.attribute, str(field), _with_default(field, content)) for field in content.fields]
-    names = {field.name: property(attrgetter(field.attribute)) for field in content.fields}
-    keywords = {name: found for name, found in names.items() if iskeyword(name)}
+    names = tuple(field.name for field in content.fields)
+    keywords = {name: _keyword(f"{name}_") for name in filter(iskeyword, names)}
+    about = {"__field_names__": names, "__msgtype__": name, "__module__": __name__, "__doc__": f"``{name}``."}
     return dataclasses.make_dataclass(
         name.rpartition("/")[2],
         fields or [(EMPTY_FIELD, "uint8", dataclasses.field(default=0))],
         bases=(Message,),
-        namespace={
-            **content.constants,
-            **keywords,
-            "__field_names__": tuple(names),
-            "__msgtype__": name,
-            "__module__": __name__,
-            "__doc__": f"``{name}``.",
-        },
+        namespace={**content.constants, **keywords, **about},
         eq=False,
         repr=False,
         slots=True,
     )
+
+
+def _keyword(attribute: str) -> property:
+    return property(lambda message: getattr(message, attribute))
 
 
 def _with_default(field: Field, content: Definition) -> Any:
