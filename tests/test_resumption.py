@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import timedelta
@@ -343,6 +344,31 @@ def test_a_full_disk_holds_the_mission_until_there_is_room(field: Durable, monke
     field.start()
     field.pass_time(1)
     assert field.engine.running.instances[0].waiting == ["u"]
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_a_directory_that_is_removed_holds_the_mission_until_it_is_made_again(field: Durable, resumed: bool) -> None:
+    field.deploy(MISSION)
+    if resumed:
+        field.crash()
+        field.start()
+        field.pass_time(1)
+    shutil.rmtree(field.folder)
+    field.pass_time(1.5)
+    gone = f"holds: its state cannot be written: {field.folder} was removed or replaced; make it again"
+    assert (field.engine.state, gone in field.notes) == ("suspended", True)
+    field.pass_time(3)
+    assert not field.folder.exists()
+    field.folder.mkdir()
+    field.pass_time(2)
+    assert field.engine.state == "running"
+    with pytest.raises(ConfigError, match="is in use by another engine"):
+        StateDirectory(field.folder)
+    field.engine.running.deliver("/go", None)
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert (field.engine.deployed, field.engine.running.instances[0].waiting) == ("d1", ["u"])
 
 
 def test_what_does_not_reach_the_disk_at_the_end_is_reported(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:

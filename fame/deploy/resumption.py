@@ -216,6 +216,8 @@ class StateKeeper:
         except OSError as error:
             raise ConfigError(f"cannot be written: {error.strerror}", file=str(stored.contents.path)) from None
         self.recorder = recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
+        name = str(stored.contents.header["envelope"])
+        recorder.anew = partial(self.directory.write_file, name, self._read_file(name) or b"")
 
         def go_on() -> None:
             recorder.go_on(tables, self.away(stored, process), self._set_back(stored, process))
@@ -230,9 +232,12 @@ class StateKeeper:
             self.recorder = None
 
     def _touch(self) -> None:
-        if not self._scheduler.is_simulated:
-            self.directory.touch()
-            self._scheduler.after(SECOND, self._touch, Kind.TIMER)
+        if self.recorder is not None:
+            self.recorder.check_directory()
+        else:
+            with suppress(OSError):  # nothing runs that could be lost
+                self.directory.touch()
+        self._scheduler.after(SECOND, self._touch, Kind.TIMER)
 
 
 def _text(envelope: Envelope) -> bytes:

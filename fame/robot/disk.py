@@ -36,7 +36,7 @@ class Lock(Protocol):
     last_seen: float
 
     def touch(self) -> None:
-        """Record that this process is at work."""
+        """Record that this process is at work. Raises FileNotFoundError if the file is not there any more."""
 
     def close(self) -> None: ...
 
@@ -119,6 +119,8 @@ class _SystemFile:
 
 
 class _SystemLock:
+    last_seen: float
+
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
@@ -127,7 +129,7 @@ class _SystemLock:
             owner = os.read(self._file, 32).decode(errors="replace").strip()
             os.close(self._file)
             raise BlockingIOError(errno.EAGAIN, owner) from None
-        self.last_seen: float = os.fstat(self._file).st_mtime
+        self._path, self.last_seen = path, os.fstat(self._file).st_mtime
         try:
             os.ftruncate(self._file, 0)
             os.write(self._file, str(os.getpid()).encode())
@@ -138,6 +140,12 @@ class _SystemLock:
     def touch(self) -> None:
         with suppress(OSError):
             os.utime(self._file)
+        try:
+            there = os.path.samestat(os.fstat(self._file), self._path.stat())
+        except OSError:
+            there = False
+        if not there:  # what is written to the open files is lost with this process
+            raise FileNotFoundError(errno.ENOENT, f"{self._path.parent} was removed or replaced; make it again")
 
     def close(self) -> None:
         os.close(self._file)

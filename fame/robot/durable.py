@@ -68,6 +68,7 @@ class DurableRecorder:
     """Records one robot's engine in a journal, and holds its effects until they are on the disk.
 
     on_trouble  called with the reason when the journal cannot be written, and with an empty text when it can again
+    anew        writes what belongs to the journal besides, into a directory that has taken the place of the old one
     """
 
     node: RobotNode
@@ -92,6 +93,7 @@ class DurableRecorder:
         self._has_ended = bool(over)
         self._reported: set[tuple[str, str]] = set()
         self._note = ""
+        self.anew: Callable[[], object] = _nothing
         self._before: Callable[[], object] = _nothing
         self._start: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
@@ -107,6 +109,8 @@ class DurableRecorder:
 
     def begin(self) -> None:
         """Write the state as the beginning of a journal. Raises OSError."""
+        if self.journal.directory.lock_again():
+            self.anew()
         self._before()
         self.journal.begin_segment(self._record(whole=True))
         self._after()
@@ -124,7 +128,7 @@ class DurableRecorder:
         `start` is called when it has been written. `timers`: those of the process that this one takes over, None for
         one that starts from its beginning. Until the record after `start`, the state says that it is to be started.
         """
-        self._before, self._after, self._start = before, after, start
+        self._before, self._after, self._start, self.anew = before, after, start, before
         self._begins = {"begins": {"": "process" if timers is None else "taken over"}}
         if timers is not None:
             self._begins["timers"] = timers
@@ -326,6 +330,13 @@ class DurableRecorder:
         return uuid5(NAMESPACE_URL, f"fame:{self.journal.header['journal']}:{id}").bytes
 
     # ---- trouble -----------------------------------------------------------------------------------------------------
+
+    def check_directory(self) -> None:
+        """Report that the directory was removed, in which what is written would be lost."""
+        try:
+            self.journal.directory.touch()
+        except OSError as error:
+            self._fail(error)
 
     def _fail(self, error: OSError) -> None:
         """Report that the disk cannot be written: nothing leaves until the whole state is written."""

@@ -31,7 +31,7 @@ from uuid import uuid4
 import orjson
 
 from fame.errors import ConfigError
-from fame.robot.disk import SYSTEM, Disk, File
+from fame.robot.disk import SYSTEM, Disk, File, Lock
 from fame.worker import Worker
 
 FORMAT = 1
@@ -218,18 +218,35 @@ class StateDirectory:
         self.path, self.disk = Path(path), disk
         try:
             disk.make_directory(self.path)
-            self._lock = disk.lock(self.path / "lock")
+            self._lock = self._locked()
         except BlockingIOError as error:
-            text = f"is in use by another engine (process {error.strerror})"
-            raise ConfigError(text, file=str(path)) from None
+            raise ConfigError(str(error.strerror), file=str(path)) from None
         except OSError as error:
             text = f"cannot be used for an engine's state: {error.strerror}"
             raise ConfigError(text, file=str(self.path)) from None
         self.last_seen: float = self._lock.last_seen
 
+    def _locked(self) -> Lock:
+        try:
+            return self.disk.lock(self.path / "lock")
+        except BlockingIOError as error:
+            raise BlockingIOError(error.errno, f"is in use by another engine (process {error.strerror})") from None
+
     def touch(self) -> None:
-        """Record that the engine is running."""
+        """Record that the engine is running. Raises FileNotFoundError if the directory was removed or replaced."""
         self._lock.touch()
+
+    def lock_again(self) -> bool:
+        """Lock the directory that is there now. Returns whether it is another one than before. Raises OSError."""
+        try:
+            self.touch()
+        except FileNotFoundError as lost:
+            if not self.path.is_dir():
+                raise lost from None
+            old, self._lock = self._lock, self._locked()
+            old.close()
+            return True
+        return False
 
     def files(self, prefix: str) -> list[Path]:
         """Return the files whose names begin so. Raises OSError."""
@@ -300,7 +317,7 @@ class Journal:
     def __init__(
         self, directory: StateDirectory, header: Mapping[str, Any], worker: Callable[[], Worker] = Worker
     ) -> None:
-        self._directory, self._worker = directory, worker
+        self.directory, self._worker = directory, worker
         self.header: JournalRecord = {**header, "format": FORMAT, "journal": uuid4().hex}
         self._seed = _seed(self.header["journal"])
         self._file: File | None = None
@@ -335,16 +352,16 @@ class Journal:
 
     def begin_segment(self, state: Mapping[str, Any]) -> None:
         """Write a segment that begins with this state, and remove the older ones. Afterwards it is on the disk."""
-        old = self._directory.segments()
+        old = self.directory.segments()
         number = int(old[-1].name.removeprefix(_PREFIX)) + 1 if old else 1
         head = _line(0, 0, self.header, 0)
         data = head + _line(1, 0, state, self._seed)
         name = f"{_PREFIX}{number:08d}"
-        self._directory.write_file(name, data)
+        self.directory.write_file(name, data)
         self._close_file()
-        self._open(self._directory.disk.write(self._directory.path / name, new=False), 1, len(data), len(data))
+        self._open(self.directory.disk.write(self.directory.path / name, new=False), 1, len(data), len(data))
         for segment in old:
-            self._directory.disk.remove(segment)
+            self.directory.disk.remove(segment)
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Write a record: it survives the death of this process."""
