@@ -16,7 +16,7 @@ from lxml import etree
 from fame.bpmn import merging
 from fame.bpmn.merging import full_tree
 from fame.bpmn.model import TASKS, Definitions, Process
-from fame.bpmn.namespaces import contract_types, prefixes_of, repair_prefixes
+from fame.bpmn.namespaces import add_prefixes, contract_types, repair_prefixes
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
 from fame.bpmn.reader.dialects.camunda7 import SHARED_ATTRIBUTES, SHARED_ELEMENTS
@@ -206,8 +206,9 @@ def _written(root: Node) -> bytes:
         root.set(_PLATFORM, "Camunda Platform")
         root.set(f"{_PLATFORM}Version", "7.23.0")
     gone = {*original_fame.NAMESPACES, ZEEBE, FLOWABLE, ACTIVITI}
-    declared = {"camunda": CAMUNDA, **prefixes_of([root])}
-    kept = {prefix: uri for prefix, uri in declared.items() if uri not in gone}
+    declared = dict[str | None, str]({"camunda": CAMUNDA, **root.nsmap})
+    add_prefixes(declared, [root])
+    kept = {prefix: uri for prefix, uri in declared.items() if prefix and uri not in gone}
     top = {prefix: uri for prefix, uri in kept.items() if uri not in root.nsmap.values()}
     etree.cleanup_namespaces(root, top_nsmap=top or None, keep_ns_prefixes=list(kept))
     etree.indent(root, "  ")

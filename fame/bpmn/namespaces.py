@@ -8,7 +8,7 @@ Values of ``xsi:type`` are therefore in the form ``{uri}name`` between `expand_t
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Iterable
 
 from fame.bpmn.reader.xml import BPMN, Node, attributes
 
@@ -37,21 +37,19 @@ def contract_types(root: Node) -> None:
             element.set(_TYPE, f"{prefix}:{name}" if prefix else name)
 
 
-def prefixes_of(roots: Collection[Node]) -> dict[str, str]:
-    """Return prefixes for the namespaces that elements declare or types name; the first roots keep theirs.
+def add_prefixes(known: dict[str | None, str], parts: Iterable[Node]) -> None:
+    """Add prefixes for the namespaces that parts of a document declare or that their types name.
 
     All are there, since values that FAME does not know may use them; but .NET declares that of BPMN with each element.
     """
-    found: dict[str, str] = {}
-    elements = [element for root in roots for element in root.iter("*")]
+    elements = [element for part in parts for element in part.iter("*")]
     for element in elements:
         for prefix, uri in element.nsmap.items():
-            if prefix and uri and (uri != BPMN or element in roots):
-                found.setdefault(prefix, uri)
+            if prefix and uri and uri != BPMN:
+                known.setdefault(prefix, uri)
     types = {element.get(_TYPE, "").partition("}")[0][1:] for element in elements if _TYPE in element.attrib}
-    for number, uri in enumerate(sorted(types - {"", BPMN, *found.values()})):
-        found[f"type{number}"] = uri
-    return found
+    for number, uri in enumerate(sorted(types - {"", BPMN, *known.values()})):
+        known[f"type{number}"] = uri
 
 
 def repair_prefixes(root: Node) -> None:

@@ -20,7 +20,7 @@ from lxml import etree
 from fame.bpmn.library import Find, Library, calls_of, closure, identity
 from fame.bpmn.merging import Fragment, add_property, copy_fragment, has_property
 from fame.bpmn.model import CallActivity, Definitions, Participant, Process
-from fame.bpmn.namespaces import contract_types, prefixes_of, repair_prefixes
+from fame.bpmn.namespaces import add_prefixes, contract_types, repair_prefixes
 from fame.bpmn.part_reading import Original, assert_same_reading
 from fame.bpmn.pools import pools_of, shared_topics
 from fame.bpmn.reader import read, read_bytes
@@ -240,10 +240,11 @@ def _write_defaults(fragments: Sequence[Fragment], processes: Sequence[Sequence[
 # ---- the new file ----------------------------------------------------------------------------------------------------
 
 
-def _new_root(home: Node, others: Iterable[Node]) -> Node:
+def _new_root(home: Node, others: Iterable[Node], parts: Sequence[Node]) -> Node:
     prefixes = dict[str | None, str]({"camunda": CAMUNDA})
-    prefixes.update(home.nsmap)
-    prefixes.update(prefixes_of([home, *others]))
+    for other in (*others, home):
+        prefixes.update({prefix: uri for prefix, uri in other.nsmap.items() if prefix or other is home})
+    add_prefixes(prefixes, parts)
     prefixes = {prefix: uri for prefix, uri in prefixes.items() if _is_valid_name(f"{{{uri}}}any")}
     attributes = {name: value for name, value in home.attrib.items() if _is_valid_name(name)}
     root = etree.Element(home.tag, attributes, nsmap=prefixes)  # type: ignore[arg-type]
@@ -262,11 +263,11 @@ def _is_valid_name(name: str | bytes) -> bool:
 
 
 def _assemble(fragments: list[Fragment]) -> Node:
-    root = _new_root(fragments[0].root, [fragment.root for fragment in fragments[1:]])
     parts = [fragment.collaboration for fragment in fragments if fragment.collaboration is not None]
     parts += [one for fragment in fragments for one in fragment.processes]
     parts += [one for fragment in fragments for one in fragment.shared]
     parts += [one for fragment in fragments for one in fragment.diagrams]
+    root = _new_root(fragments[0].root, [fragment.root for fragment in fragments[1:]], parts)
     root.extend(parts)
     etree.indent(root, "  ")
     repair_prefixes(root)
