@@ -176,6 +176,11 @@ def torture() -> list[str]:
     return make("torture", f"TORTURE=--seconds 60 --seeds {first}:{first + 399}")
 
 
+def no_release() -> str:
+    tagged = subprocess.run(["git", "describe", "--tags", "--match", "v*", "HEAD^"], capture_output=True, check=False)
+    return "there is no tagged release" if tagged.returncode else ""
+
+
 def with_ros() -> list[str]:
     prepare = f'"{ROS}/setup" && set +u && . "{ROS}/env.sh" && env -u PIP_CONSTRAINT make .venv-ros/bin/python'
     return ["bash", "-c", f"{prepare} && exec {' '.join(map(quoted, on_loopback(make('test-ros'))))}"]
@@ -207,6 +212,7 @@ STAGES: dict[str, Stage] = {
     "test-node": Stage(lambda: make("test-node"), no_node),
     "versions": Stage(lambda: [".venv/bin/python", ".ci/versions.py"]),
     "wheel": Stage(lambda: [".ci/wheel"]),
+    "kept": Stage(lambda: [".venv/bin/python", "benchmarks/kept.py"], no_release),
     "python-3.12": other_python("3.12"),
     "python-3.13": other_python("3.13"),
     "python-3.14": other_python("3.14"),
@@ -236,13 +242,14 @@ ROTATING = (
     "fastdds",
     "ros",
 )
-NIGHTLY = ROTATING
+NIGHTLY = (*ROTATING, "kept")
 CHANGED = (
     ("ros", ("fame/middleware/ros/*", "launch/*", "package.xml", "CMakeLists.txt")),
     ("fastdds", ("fame/middleware/dds/*",)),
     ("wheel", ("pyproject.toml", ".ci/wheel", "fame/cli/new*", "fame/project*")),
     ("python-3.14", ("fame/scripting/*",)),
     ("attack-1", ("fame/deploy/*", "fame/middleware/*")),
+    ("kept", tuple(f"fame/{room}/*" for room in ("engine", "robot", "scripting", "log", "scenario"))),
 )
 """Which stage a landing has for changed paths, the most particular first."""
 

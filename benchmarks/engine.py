@@ -37,7 +37,6 @@ import fame
 from fame.bpmn import read_text
 from fame.bpmn.model import Definitions, Expression
 from fame.engine import Engine, compile_program
-from fame.log import logging_to
 from fame.scripting import compile_expression, compile_script
 from fame.scripting.interface import interface
 from models import CASES, VARIABLES, Case, loop, sequence
@@ -132,6 +131,8 @@ def with_observer(model: Definitions, signals: int, instances: int) -> tuple[flo
 
 def with_file(model: Definitions, signals: int, instances: int) -> tuple[float, float, int]:
     """With every event written to a file of JSON lines."""
+    from fame.log import logging_to
+
     with tempfile.TemporaryDirectory() as folder, logging_to(Path(folder) / "run.jsonl", [model]) as write:
         return on_simulation(model, signals, instances, write)
 
