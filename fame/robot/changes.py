@@ -155,7 +155,7 @@ class _ScopeVariables:
         """Return the values that are new or changed, also in place, and the names of those that
         are gone; empty if none is."""
         before, shown, fresh = self._values, self._shown, dict[str, Any]()
-        values = self._values = dict(dict.items(self._variables))
+        values = self._values = dict.copy(self._variables)
         gone: list[str] = []
         if list(values) != list(before):
             gone = [name for name in shown if name not in values]
@@ -166,15 +166,21 @@ class _ScopeVariables:
             if content is None or content != content_of(values[name]):
                 changed[name] = None
         for name in changed:
-            value = values[name]
+            value, known = values[name], shown.get(name)
             self._contents.pop(name, None)
-            if not is_data(name, value):
+            kind = value.__class__
+            text: object
+            finite = kind is int or kind is bool or (kind is float and value - value == 0.0)
+            if finite and not name.startswith("__"):  # most are: they are their own plain data
+                found, text = value, (kind, value)
+            elif is_data(name, value):
+                if is_changeable(value):
+                    self._contents[name] = content_of(value)
+                found, text = plain_and_text(value, known)
+            else:
                 gone += [name] * (name in shown)
                 continue
-            if is_changeable(value):
-                self._contents[name] = content_of(value)
-            found, text = plain_and_text(value)
-            if shown.get(name) != text:
+            if known != text:
                 shown[name], fresh[name] = text, found
         for name in gone:
             del shown[name]

@@ -49,11 +49,14 @@ def plain(value: Any) -> Any:
     return plain_and_text(value)[0]
 
 
-def plain_and_text(value: Any) -> tuple[Any, object]:
-    """Return the plain data of a value, and a key for comparison: equal keys mean that the JSON is the same."""
+def plain_and_text(value: Any, known: object = None) -> tuple[Any, object]:
+    """Return the plain data of a value, and a key for comparison: equal keys mean that the JSON is the same.
+
+    The data of a message with the key `known` may be missing (None).
+    """
     text = _message_json(value) if isinstance(value, Message) else None
     if text is not None and len(text) <= SIZE:
-        return orjson.loads(text), text
+        return None if text == known else orjson.loads(text), text
     found = _encode(value, _DEPTH)
     kind = found.__class__
     if kind is not dict and kind is not list:

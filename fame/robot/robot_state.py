@@ -82,7 +82,11 @@ class RobotState:
         if topic == EVENTS:
             for group in data["events"]:
                 for mark in group["marks"]:
-                    self._apply_mark(group["instance"], mark)
+                    if mark[1] in COUNTED:
+                        counts = self.counts.get(mark[0]) or self.counts.setdefault(mark[0], {})
+                        counts[mark[1]] = counts.get(mark[1], 0) + 1
+                    else:
+                        self._apply_mark(group["instance"], mark)
         elif topic == VARIABLES:
             for change in data["changes"]:
                 self._change_scope(change)
@@ -101,10 +105,7 @@ class RobotState:
 
     def _apply_mark(self, instance: int, mark: Sequence[Any]) -> None:
         element, what = mark[:2]
-        if what in COUNTED:
-            counts = self.counts.setdefault(element, {})
-            counts[what] = counts.get(what, 0) + 1
-        elif what == "start":
+        if what == "start":
             self.instances[instance] = element, "running"
         elif what == "end":
             self.instances[instance] = element, str(mark[2])
