@@ -1,6 +1,7 @@
 """Blocks of a run: each can be shown alone, and together they are the run."""
 
 import itertools
+import json
 from collections import Counter
 from pathlib import Path
 
@@ -58,6 +59,14 @@ def test_a_block_alone_leads_to_the_next(recording: Path) -> None:
             assert sorted(state["counts"]) == sorted(following.key["counts"])
             assert sorted(state["ends"]) == sorted(following.key["ends"])
             assert block.end < following.start
+
+
+def test_of_what_was_read_the_last_block_alone_stays_in_memory(recording: Path) -> None:
+    with Replay(recording) as replay:
+        replay.wait()
+        *stored, last = replay.blocks
+        assert [block.number for block in replay.blocks if "columns" in vars(block)] == [last.number]
+        assert [json.loads(replay.block(block.number)) for block in stored] == [block.to_json() for block in stored]
 
 
 def test_blocks_have_every_event_of_the_recording(recording: Path) -> None:

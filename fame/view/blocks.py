@@ -9,11 +9,16 @@ Times are ns since the start of the run. Robots, elements and kinds of events ar
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from functools import partial
-from typing import Any, NamedTuple
+from operator import itemgetter
+from tempfile import TemporaryFile
+from typing import IO, Any, NamedTuple
 
 from fame.bpmn.model import SubProcess
+from fame.closing import Closing
+from fame.fast_json import json_bytes, json_value
 from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.reading import tally
 from fame.log.recording import scene_values
@@ -36,6 +41,27 @@ COLUMNS = ("t", "r", "i", "s", "e", "w")
 """Of events: time, robot, instance, scope, element, kind."""
 
 
+class BlockStore(Closing):
+    """Keeps full blocks in a temporary file, packed: all topics of some minutes would fill any memory."""
+
+    def __init__(self) -> None:
+        import zstandard
+
+        self._pack = zstandard.ZstdCompressor(level=1).compress
+        self._unpack = zstandard.decompress
+        self._file: IO[bytes] = TemporaryFile()  # noqa: SIM115 (`close` closes it)
+
+    def keep(self, data: bytes) -> Callable[[], bytes]:
+        """Write some bytes; return what reads them, in any thread."""
+        packed, place = self._pack(data), self._file.tell()
+        self._file.write(packed)
+        self._file.flush()
+        return lambda: self._unpack(os.pread(self._file.fileno(), len(packed), place))
+
+    def close(self) -> None:
+        self._file.close()
+
+
 class Block:
     """One block: the state at its start, and the events and changes after it."""
 
@@ -49,10 +75,23 @@ class Block:
         self.columns: dict[str, list[int]] = {name: [] for name in COLUMNS}
         self.details: dict[int, Any] = {}
         self.lists: dict[str, list[ListChange]] = {name: [] for name in LISTS}
+        self._stored: Callable[[], bytes] | None = None
+        self._events: int | None = None  # of a stored one
+
+    def store(self, store: BlockStore) -> None:
+        """Leave memory: nothing comes any more. Each part is read again when it is asked for."""
+        self._events, self._stored = self.events, store.keep(self.to_bytes())
+        del self.key, self.columns, self.details, self.lists
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _PARTS or self._stored is None:
+            raise AttributeError(name)
+        found = json_value(self._stored())
+        return _PARTS[name](found)
 
     @property
     def events(self) -> int:
-        return len(self.columns["t"])
+        return len(self.columns["t"]) if self._events is None else self._events
 
     @property
     def full(self) -> bool:
@@ -70,6 +109,10 @@ class Block:
         found["d"] = {str(place): detail for place, detail in self.details.items() if place >= first}
         return found | {name: values[lists[name] :] for name, values in self.lists.items()}
 
+    def to_bytes(self) -> bytes:
+        """Return the JSON of everything in it."""
+        return json_bytes(self.to_json()) if self._stored is None else self._stored()
+
     def mark(self) -> BlockSize:
         """Return the current size, for `to_json`."""
         return BlockSize(self.events, {name: len(values) for name, values in self.lists.items()})
@@ -77,6 +120,15 @@ class Block:
 
 LISTS = ("scopes", "variables", "waits", "messages", "poses", "world", "properties")
 """Changes besides events; the entries of all lists but scopes begin with their time."""
+
+
+_PARTS: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
+    "key": itemgetter("key"),
+    "columns": lambda found: {name: found[name] for name in COLUMNS},
+    "details": lambda found: {int(place): detail for place, detail in found["d"].items()},
+    "lists": lambda found: {name: found[name] for name in LISTS},
+}
+"""The parts of a block, from its JSON."""
 
 
 class BlockSize(NamedTuple):
@@ -102,6 +154,8 @@ class Packer:
         self.state = RunState()
         self.begun = False
         self.blocks: list[Block] = []
+        self.store: BlockStore | None = None
+        """Where blocks go that are full; None: they stay in memory."""
         self._declared: list[Mapping[str, Any]] = []
 
     @property
@@ -169,6 +223,8 @@ class Packer:
         return block
 
     def _begin_block(self, time: int) -> None:
+        if self.store is not None and self.blocks:
+            self.blocks[-1].store(self.store)
         self.blocks.append(Block(len(self.blocks), time, self.state.to_json()))
 
     # ---- what happened -----------------------------------------------------------------------------------------------

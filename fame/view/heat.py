@@ -60,7 +60,8 @@ def heat_of(blocks: Sequence[Block], catalogue: Catalogue) -> dict[int, ElementH
     begun: defaultdict[tuple[int, int, int, int], list[int]] = defaultdict(list)
     waiting = _Waiting(found, catalogue)
     for block in blocks:
-        for t, r, i, s, e, w in zip(*(block.columns[name] for name in COLUMNS), strict=True):
+        columns = block.columns  # of a stored block they are read
+        for t, r, i, s, e, w in zip(*(columns[name] for name in COLUMNS), strict=True):
             if w in (ENTER, TAKE):
                 found[e].times += 1
             if w == ENTER:
@@ -87,9 +88,10 @@ class _Waiting:
         self._open: dict[tuple[int, int, int], list[int]] = {}  # place -> number of tokens, since when
 
     def read(self, block: Block) -> None:
-        for robot, scope, _, parent, opener, _ in (*block.key["scopes"], *block.lists["scopes"]):
+        lists = block.lists
+        for robot, scope, _, parent, opener, _ in (*block.key["scopes"], *lists["scopes"]):
             self._around[robot, scope] = parent, opener
-        for time, robot, tokens, gone in block.lists["waits"]:
+        for time, robot, tokens, gone in lists["waits"]:
             for key in gone:
                 self._close(robot, key, time)
             for token in tokens:

@@ -22,7 +22,7 @@ from fame.log import Recording
 from fame.log.channels import CLOCKS, EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.recording import RecordedMessage
 from fame.log.team_state import shift_times
-from fame.view.blocks import Block, Packer
+from fame.view.blocks import Block, BlockStore, Packer
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json, place_of
 
@@ -59,6 +59,7 @@ class Replay(Closing):
         with ExitStack() as opened:
             try:
                 self._recording = opened.enter_context(Recording(path))
+                self._store = opened.enter_context(BlockStore())
                 self._ahead = opened.enter_context(self._recording.reopen())  # for what is asked for before it is read
                 self._look()
             except _MALFORMED as error:
@@ -83,6 +84,7 @@ class Replay(Closing):
         self._offset = self._recording.start if self._recording.start > _LONGEST else 0
         self._runs = self._read_runs()
         self._packer = Packer(self.catalogue, self._robots())
+        self._packer.store = self._store
         self._elements = len(self.catalogue.elements)
         self._topics = [topic for topic in self._recording.topics if topic != KEY]
 
@@ -240,11 +242,11 @@ class Replay(Closing):
     def plane(self, number: int) -> Mapping[str, Any]:
         return self.catalogue.plane_json(number)
 
-    def block(self, number: int) -> Mapping[str, Any]:
+    def block(self, number: int) -> bytes:
         with self._lock:
             if not 0 <= number < self._done:
                 raise LookupError(number)
-        return self._packer.blocks[number].to_json()
+        return self._packer.blocks[number].to_bytes()
 
     def at(self, time: int) -> Mapping[str, Any]:
         """Return a block around an instant that has not been read yet, made of the last key before

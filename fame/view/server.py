@@ -77,8 +77,8 @@ class PageSource(Protocol):
     def plane(self, number: int) -> Mapping[str, Any]:
         """Return a drawing. Raises LookupError."""
 
-    def block(self, number: int) -> Mapping[str, Any]:
-        """Return a block. Raises LookupError."""
+    def block(self, number: int) -> Mapping[str, Any] | bytes:
+        """Return a block, or its JSON. Raises LookupError."""
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         """Return what is new for a page that has `known` (at first None), and what it has afterwards."""
@@ -352,10 +352,11 @@ def _routes(source: PageSource, refusals: _RefusalLog) -> Starlette:
             return Response("no such file\n", 404, _HEADERS, "text/plain")
         return Response(file.read_bytes(), 200, _HEADERS, kind)
 
-    def reply(found: Mapping[str, Any], status: int = 200) -> Response:
-        return Response(json_bytes(found), status, _HEADERS, "application/json")
+    def reply(found: Mapping[str, Any] | bytes, status: int = 200) -> Response:
+        content = found if isinstance(found, bytes) else json_bytes(found)
+        return Response(content, status, _HEADERS, "application/json")
 
-    def answer(make: Callable[..., Mapping[str, Any]]) -> Callable[[Request], Any]:
+    def answer(make: Callable[..., Mapping[str, Any] | bytes]) -> Callable[[Request], Any]:
         async def endpoint(request: Request) -> Response:
             try:
                 found = await asyncio.to_thread(make, *request.path_params.values())
