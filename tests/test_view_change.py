@@ -202,16 +202,18 @@ def test_a_page_without_the_right_or_of_a_person_has_no_such_page(team: Team) ->
     ann = Person("ann", "nurse")
     with Server(team.view, people=[ann]) as server:
         assert urlopen(server.address + "change/mission.json").status == 200
-        with pytest.raises(HTTPError, match="403"):
+        with pytest.raises(HTTPError, match="403") as refused:
             urlopen(server.addresses[ann] + "change/mission.json")
+        refused.value.close()
         with pytest.raises(FameError, match="may only complete tasks"):
             ann.check({"do": "change"}, [])
     with TeamView(team.middleware, team.scheduler, control=True) as other, Server(other) as server:
         assert "change" not in other.mission()["control"]
         with pytest.raises(FameError, match="expected one of"):
             other.control({"do": "change", "source": NEW})
-        with pytest.raises(HTTPError, match="404"):
+        with pytest.raises(HTTPError, match="404") as missing:
             urlopen(server.address + "change/mission.json")
+        missing.value.close()
 
 
 def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path: Path) -> None:
