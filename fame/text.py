@@ -133,8 +133,10 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises ConfigError, with the name of the file, for OSError.
     """
-    whole = Path(os.path.realpath(path))  # a link stays one
-    part = whole if whole.exists() and not whole.is_file() else whole.with_name(f".part.{whole.name}")
+    whole = Path(path)
+    direct = whole.is_relative_to("/dev") or (whole.exists() and not whole.is_file())
+    whole = whole if direct else Path(os.path.realpath(path))  # a link stays one
+    part = whole if direct else whole.with_name(f".part.{whole.name}")
     try:
         whole.parent.mkdir(parents=True, exist_ok=True)
         yield part

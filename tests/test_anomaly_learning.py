@@ -303,7 +303,7 @@ def test_a_model_with_code_is_refused(folder: Path):
 @pytest.mark.parametrize("content", [pickle.dumps([1]), pickle.dumps([1], protocol=0)])
 def test_a_pickle_is_refused_as_what_it_is(content: bytes, tmp_path: Path):
     (tmp_path / "chosen_clf.pkl").write_bytes(content)
-    with pytest.raises(ConfigError, match="is a pickle, refused: reading one runs whatever it contains"):
+    with pytest.raises(ConfigError, match="it is a pickle, refused since reading one runs what it holds"):
         Model.load(tmp_path / "chosen_clf.pkl")
 
 

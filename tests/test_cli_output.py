@@ -10,6 +10,8 @@ import pytest
 from deployment_field import definitions, process
 
 from fame.cli.output import Notes
+from fame.errors import ConfigError
+from fame.text import write_file, writing
 
 ROOT = Path(__file__).parent.parent
 CODE = "import sys; from fame.cli.output import note; note('one'); note('two'); sys.exit(note.lost)"
@@ -72,3 +74,28 @@ def test_a_mission_is_completed_though_nobody_can_read_its_log(tmp_path):
         )  # fmt: skip
     assert done.returncode == 0
     assert "completed" in done.stdout
+
+
+def test_a_file_is_replaced_when_it_is_whole_and_a_link_or_a_device_stays_one(tmp_path: Path) -> None:
+    old, link, device = tmp_path / "old.txt", tmp_path / "link.txt", tmp_path / "device"
+    old.write_text("old")
+    link.symlink_to(old)
+
+    def fail() -> None:
+        with writing(link) as part:
+            part.write_text("ha")
+            raise OSError("full")
+
+    with pytest.raises(ConfigError, match=r"link\.txt: cannot be written: full"):
+        fail()
+    assert old.read_text() == "old"
+    write_file(link, "new")
+    assert (link.is_symlink(), old.read_text(), sorted(path.name for path in tmp_path.iterdir())) == (
+        True, "new", ["link.txt", "old.txt"],
+    )  # fmt: skip
+    os.mkfifo(device)
+    with writing(device) as part:
+        assert part == device
+    assert device.is_fifo()
+    with writing("/dev/stdout") as part:
+        assert part == Path("/dev/stdout")

@@ -389,7 +389,7 @@ def _numbers(
             hint = "; a decimal comma needs another separator, such as ;" if separator == "," and row else ""
             got = f"{len(row)}{hint}" if row else "a blank line"
             raise ConfigError(f"expected {width} cells, got {got}", file=str(path), line=number)
-        if {cell.strip() for cell in row} & {name.strip() for name in head if not _is_number(name)}:
+        if {cell.strip() for cell in row} & {name.strip() for name in head if name.strip() and not _is_number(name)}:
             text = f"is another header than the first one ({', '.join(head)}): these are tables of other columns"
             raise ConfigError(text, file=str(path), line=number)
         rows.append([])

@@ -89,9 +89,7 @@ def read_artefact(path: Path, maker: str) -> Any:
     if not path.is_file():
         raise ConfigError(f"there is no such file{similar_file(path)}", file=str(path))
     if _is_pickle(path):
-        text = (
-            f"is a pickle, refused: reading one runs whatever it contains; expected a model that {maker} stored (skops)"
-        )
+        text = f"is corrupt, or no model of {maker}: it is a pickle, refused since reading one runs what it holds"
         raise ConfigError(text, file=str(path))
     most = _INFLATION * path.stat().st_size + _SLACK
     try:

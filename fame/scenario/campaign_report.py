@@ -218,7 +218,8 @@ def write_reports(rows: Sequence[CampaignRow], folder: Path, scenario: str, *, p
             {name: value if is_number(value) or value is None else str(value) for name, value in row.items()}
             for row in flat
         ]
-        pandas.DataFrame(texts, columns=columns).to_parquet(table)
+        with writing(table) as part:
+            pandas.DataFrame(texts, columns=columns).to_parquet(part)
     else:
         with writing(table) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, columns)

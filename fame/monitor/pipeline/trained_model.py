@@ -27,6 +27,7 @@ from fame.monitor.calibration import Calibration
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, STORED, ChannelAutoencoders, FittedDetector, detector_name
 from fame.monitor.storage import StoredModel, read_model
+from fame.text import write_file
 
 LEAST_MOVEMENT = "least_movement"
 """In the conditions of a model."""
@@ -196,8 +197,7 @@ def write_onnx(model: Mapping[str, Any], path: str | Path, *, single: bool = Fal
     metadata = {name: value for name, value in model.items() if name not in _NOT_METADATA}
     metadata["activation"] = network["activation"]
     onnx.helper.set_model_props(proto, {_METADATA_KEY: json.dumps(metadata, default=np.ndarray.tolist)})
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    onnx.save(proto, str(path))
+    write_file(path, proto.SerializeToString())
 
 
 def read_onnx(path: str | Path) -> dict[str, Any]:
