@@ -433,7 +433,8 @@ def generated(
 def varied(seed: int) -> tuple[dict[str, Steps], dict[str, Any]]:
     """A collaboration made at random with most of what BPMN has, and the other arguments of `text_of`.
 
-    Somebody throws each signal, and sends each message, that somebody waits for.
+    Somebody throws each signal, and sends each message, that somebody waits for. In half of them several robots throw
+    at their start.
     """
     random = Random(seed)
     signals, messages, calls = ("a", "b", "c"), ("m", "o"), ("Help", "Move")
@@ -491,4 +492,10 @@ def varied(seed: int) -> tuple[dict[str, Steps], dict[str, Any]]:
     given = [f"throw {name}" for name in signals if f"'throw {name}'" not in used]
     given += [f"send {name}" for name in messages if f"'send {name}'" not in used]
     robots["R0"] = [*robots["R0"][:1], *given[:1], "work", *given[1:], *robots["R0"][1:]]
+    starts = Random(f"starts {seed}")
+    for name in [*robots] if starts.random() < 0.5 else []:  # several throw in the instant in which all start
+        others = [signal for signal in signals if f"start {signal}" not in robots[name]]  # else it would start for ever
+        first = [f"throw {signal}" for signal in starts.sample(others, starts.randint(0, 2))]
+        place = robots[name].index("run n = 0") + 1
+        robots[name] = [*robots[name][:place], *first, *robots[name][place:]]
     return {**robots, **called}, {"calls": calls, "several": ("R1",) if seed % 5 == 0 else ()}

@@ -51,7 +51,8 @@ EVENTS = 20_000
 
 
 PATTERNS = ("never {}", "never {} before {}", "{} only after {}", "{} each time only after {}", "{}",
-            "{} at most 2 times", "after {}, {}", "between {} and {}, {}", "after {}, {} only after {}")  # fmt: skip
+            "{} at most 2 times", "after {}, {}", "between {} and {}, {}", "after {}, {} only after {}",
+            "between {} and {}, {} only after {}", "between {} and {}, {} each time only after {}")  # fmt: skip
 """Of properties made at random."""
 CONDITIONS = ("always {v}.n < 2", "never {v}.n == {w}.n", "after {}, always {v}.n < 2", "never {v}.n == 1 until {}",
               "between {} and {}, always {v}.n <= {w}.n")  # fmt: skip
@@ -199,7 +200,7 @@ def sentences(seed: int, names: Vocabulary) -> Iterator[str]:
         return f"{random.choice((robot, pool))} {random.choice(said)}"
 
     for pattern in PATTERNS:
-        yield pattern.format(event(), event(), event())
+        yield pattern.format(*(event() for _ in range(pattern.count("{}"))))
     pools = sorted({*names.pools, *(one for one in names.robots if "_" not in one)})
     for pattern in CONDITIONS:
         yield pattern.format(event(), event(), v=random.choice(pools), w=random.choice(pools))

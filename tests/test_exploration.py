@@ -10,6 +10,7 @@ from collaborations import Steps, philosophers, team, text_of
 import fame
 from fame.check.explore import Exploration
 from fame.errors import ConfigError
+from fame.properties import parse
 from fame.scenario.exploration import explore
 
 
@@ -43,6 +44,16 @@ def test_a_signal_thrown_before_its_catcher_waits_is_lost() -> None:
     (one,) = (one for one in result.findings if one.kind == "lost")
     assert "/go was lost on a robot that needed it" in one.text
     assert any(step.kind == "miss" and step.detail == "/go" for step in one.run)
+
+
+def test_what_robots_throw_at_their_start_arrives_before_all_that_follows_from_it() -> None:
+    """C's signal is on its way before B answers A's: A takes it, and waits in vain for a second one, as in a run."""
+    robots = {"A": ["throw a", ("race", ["catch b"], ["catch c", "catch a"])], "B": ["catch a", "throw b"],
+              "C": ["throw c"]}  # fmt: skip
+    result = found(robots, delivery="run", properties=[parse("never A completes A_catch_c_8")])
+    (one,) = (one for one in result.findings if one.kind == "deadlock")
+    assert [place.element for place in one.places] == ["A_catch_a_10"]
+    assert [judged.verdict for judged in result.properties] == ["refuted"]
 
 
 def test_a_queue_removes_the_loss() -> None:

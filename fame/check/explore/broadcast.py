@@ -69,12 +69,9 @@ class Broadcast:
         self._firsts: dict[int, _Queue] = {}
         self._messages: dict[tuple[int, tuple[str, int, str]], ImmediateMessage] = {}
 
-    def spread(self, state: int, sending: int, lost: int = -1) -> list[tuple[int, Reactions]]:
+    def spread(self, state: int, sendings: Sequence[int], lost: int = -1) -> list[tuple[int, Reactions]]:
         """Deliver at once what was sent and what follows, in the order of sending; one delivery may be lost."""
-        first = self._firsts.get(sending)
-        if first is None:
-            sender, sent = self.network.sent[sending]
-            first = self._firsts[sending] = self._sent_by(sender, sent)
+        first = tuple(one for sending in sendings for one in self._first(sending))
         done: list[tuple[int, Reactions]] = []
         pending: list[_Spreading] = [(state, first, (), 0)]
         while pending:
@@ -96,6 +93,13 @@ class Broadcast:
                 else:
                     pending.append((after, more, reactions + added, deliveries))
         return done
+
+    def _first(self, sending: int) -> _Queue:
+        """The messages of a sending."""
+        first = self._firsts.get(sending)
+        if first is None:
+            first = self._firsts[sending] = self._sent_by(*self.network.sent[sending])
+        return first
 
     def _sent_by(self, sender: int, sent: Sent) -> _Queue:
         """The messages that a robot sends."""

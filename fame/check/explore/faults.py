@@ -73,7 +73,7 @@ class Faults:
             _, topic, message = reaction.stimulus
             fault = self._happens(self._missed(topic, receiver))
             lost = Move(receiver, 0, Successor(0, (), (), False), 0, ("loss", topic, message))
-            for after, others in product.broadcast.spread(state + move.difference | move.mark, move.sending, place):
+            for after, others in product.broadcast.spread(state + move.difference | move.mark, (move.sending,), place):
                 yield after + fault, robot, move, (*others[:place], (receiver, lost), *others[place:])
 
     def _loss(self, state: int, robot: int, move: Move) -> Iterator[Transition]:

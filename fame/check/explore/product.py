@@ -211,7 +211,7 @@ class Product:
             if not move.sending:
                 found.append((new, robot, move, ()))
             elif self.options.delivery == "run":
-                spread = self.broadcast.spread(new, move.sending)
+                spread = self.broadcast.spread(new, (move.sending,))
                 found += [(after, robot, move, reactions) for after, reactions in spread]
             else:
                 found.append((new + (self.network.push(state >> self.top, move.sending) << self.top), robot, move, ()))
@@ -259,7 +259,10 @@ class Product:
                 found.append((new, receiver, move, ()))
 
     def initial(self) -> list[Transition]:
-        """Return the states in which all robots have started: before the first delivery all of them have."""
+        """Return the states in which all robots have started: before the first delivery all of them have.
+
+        At once (``run``) arrives first what they have sent at their start, then what follows from it.
+        """
         starts: list[tuple[int, Reactions]] = [(0, ())]
         for robot, local in enumerate(self.locals):
             ways = self.moves(robot, 0, ("start", None, None), local.start(self.options.given.get(robot)))
@@ -270,17 +273,15 @@ class Product:
             ]
         found: list[Transition] = []
         for state, reactions in starts:
-            worlds: list[tuple[int, Reactions]] = [(state, reactions)]
-            for _, move in reactions:
-                if move.sending and self.options.delivery == "run":
-                    worlds = [(after, (*so_far, *more)) for before, so_far in worlds
-                              for after, more in self.broadcast.spread(before, move.sending)]  # fmt: skip
-                elif move.sending:
-                    push, top = self.network.push, self.top
-                    worlds = [(one + (push(one >> top, move.sending) << top), reactions) for one, reactions in worlds]
-            found += [
-                (after, all_reactions[0][0], all_reactions[0][1], all_reactions[1:]) for after, all_reactions in worlds
-            ]
+            sendings = [move.sending for _, move in reactions if move.sending]
+            spread: list[tuple[int, Reactions]] = [(state, ())]
+            if sendings and self.options.delivery == "run":
+                spread = self.broadcast.spread(state, sendings)
+            elif sendings:
+                for sending in sendings:
+                    state += self.network.push(state >> self.top, sending) << self.top
+                spread = [(state, ())]
+            found += [(after, *reactions[0], (*reactions[1:], *more)) for after, more in spread]
         return self._judged(found)
 
     def number(self, state: int) -> int | None:
