@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from collaborations import text_of
 from recorded_runs import record
 
 from fame.bpmn import read
@@ -256,7 +257,9 @@ def test_what_a_variable_names_is_an_object(tmp_path: Path, capsys: pytest.Captu
     assert "has no variable 'parcl': did you mean 'parcel'?" in told([*give, "p=parcl"], capsys)
     assert "the variable 'parcels' is never text or a number at an event" in told([*give, "p=parcels"], capsys)
     assert "each log has objects of type 'robot' already" in told([*give, "robot=parcel"], capsys)
-    assert "expected TYPE=VARIABLE, as in parcel=parcel_id, got 'parcel'" in told([*give, "parcel"], capsys)
+    assert "expected KEY=NAME, as in parcel=parcel_id or robot=org:resource, got 'parcel'" in told(
+        [*give, "parcel"], capsys
+    )
     assert "--object is for .ocel.json only" in told([source, "-o", str(tmp_path / "x.xes"), *objects], capsys)
 
 
@@ -389,6 +392,88 @@ def test_what_is_refused_or_fails_leaves_the_file_that_was_there(
     Path(words[-1]).unlink()
     assert main(["log", *words]) == 2
     assert [path.name for path in run.iterdir() if "old" in path.name] == []
+
+
+FORMS = ("jsonl", "csv", "xes", "ocel.json")
+
+
+@pytest.mark.parametrize(("duration", "verdict"), [("60", "violated"), ("3", "pending")], ids=["stuck", "cut"])
+def test_how_a_run_ended_is_in_every_log(
+    duration: str, verdict: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One robot waits for ever. Stuck, nothing can come any more; cut while the other still works, it could."""
+    model = tmp_path / "m.bpmn"
+    model.write_text(text_of({"A": ["catch never", "work"], "B": ["timer PT5S"]}))
+    model.with_name("m.properties.yaml").write_text("properties: {done: A completes A_work_4 within 1 h}\n")
+    own = [str(tmp_path / f"own.{form}") for form in ("mcap", "jsonl", "csv", "xes")]
+    main(["run", str(model), "--quiet", "--duration", duration, *(word for log in own for word in ("--log", log))])
+    logs = [*own, *(str(tmp_path / f"converted.{form}") for form in FORMS)]
+    for log in logs[4:]:
+        assert main(["log", "convert", own[0], "-o", log]) == 0
+    capsys.readouterr()
+    main(["log", "judge", str(model.with_name("m.properties.yaml")), *logs, "--json"])
+    found = json.loads(capsys.readouterr().out)["runs"]
+    assert {log: [one["verdict"] for one in found[log]] for log in logs} == {
+        log: ["not known" if log.endswith("xes") else verdict] for log in logs  # which has no start of A's instance
+    }  # fmt: skip
+
+
+def test_xes_says_how_the_run_ended_of_activities(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = tmp_path / "m.bpmn"
+    model.write_text(text_of({"A": ["catch never", "work"], "B": ["work"]}))
+    model.with_name("m.properties.yaml").write_text("properties: {done: A completes A_work_4}\n")
+    for duration, code in (("60", 1), ("0.5", 3)):
+        assert main(["run", str(model), "--quiet", "--duration", duration, "--log", str(tmp_path / "r.xes")]) == code
+        assert main(["log", "judge", str(model.with_name("m.properties.yaml")), str(tmp_path / "r.xes")]) == code
+
+
+FOREIGN = """<log xmlns="http://www.xes-standard.org/"><trace><string key="concept:name" value="order 7"/>
+  <event><string key="activity" value="B_work_4"/><string key="org:resource" value="B"/>
+    <date key="time:timestamp" value="2026-05-01T10:00:00+02:00"/></event>
+  <event><string key="activity" value="A_work_2"/><string key="org:resource" value="A"/>
+    <date key="time:timestamp" value="2026-05-01T10:00:09+02:00"/></event></trace></log>"""
+
+
+def test_an_event_log_of_another_tool_is_judged_by_the_names_of_its_columns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "m.bpmn").write_text(text_of({"A": ["work"], "B": ["catch go", "work"]}))
+    properties, log = tmp_path / "m.properties.yaml", tmp_path / "foreign.xes"
+    properties.write_text(
+        "properties:\n  order: B starts B_work_4 only after A completes A_work_2\n"
+        "  soon: after B ends B_work_4, A starts A_work_2 within 10 s\n  begun: A starts within 1 s\n"
+    )
+    log.write_text(FOREIGN)
+    assert main(["log", "judge", str(properties), str(log), "--json", "--columns", "element=activity"]) == 1
+    (found,) = json.loads(capsys.readouterr().out)["runs"].values()
+    assert [(one["verdict"], one["slack"]) for one in found] == [
+        ("violated", None),
+        ("holds", 1.0),
+        ("not known", None),
+    ]
+    for words, text in (
+        ([], "is not a log as fame log convert writes it; --columns maps the names of another one"),
+        (["--columns", "element=task"], "'task' names no element of"),
+        (["--columns", "colour=red"], "--columns: unknown key 'colour'; keys are: robot, element, transition, time"),
+    ):
+        assert main(["log", "judge", str(properties), str(log), *words]) == 2
+        assert text in capsys.readouterr().err
+
+
+def test_two_missions_of_one_robot_are_cases_apart(tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(text_of({"A": ["work"]}))
+    runs = [str(tmp_path / f"{hour}.mcap") for hour in (10, 11)]
+    for hour, log in zip((10, 11), runs, strict=True):
+        assert (
+            main(["run", str(tmp_path / "m.bpmn"), "--quiet", "--epoch", f"2026-06-01T{hour}:00Z", "--log", log]) == 0
+        )
+    assert main(["log", "merge", *runs, "-o", str(tmp_path / "run.mcap")]) == 0
+    with rows_of(converted(tmp_path, ".jsonl")) as rows:
+        assert [row["instance"] for row in rows if row["what"] in ("start", "end")] == [1, 1, 2, 2]
+    traces = ElementTree.parse(converted(tmp_path, ".xes")).getroot().findall("{*}trace")
+    assert [trace[0].get("value") for trace in traces] == ["A/1", "A/2"]
+    objects = json.loads(converted(tmp_path, ".ocel.json").read_text())["objects"]
+    assert [one["id"] for one in objects if one["type"] == "instance"] == ["instance:A/1", "instance:A/2"]
 
 
 def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

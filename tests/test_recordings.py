@@ -45,6 +45,7 @@ def test_the_events_are_those_of_the_run(run: tuple[Path, EventLog]) -> None:
     with Recording(path) as recording:
         written = [tuple(event) for event in recording.events()]
         written += [(recording.end, "", 0, 0, "", "verdict", each) for each in recording.verdicts]
+        written += [tuple(recording.ended or ())]
     # Events of several robots at one instant are written robot by robot.
     assert Counter(map(str, written)) == Counter(str(tuple(event)) for event in events)
     assert [event[0] for event in written] == sorted(event[0] for event in written)

@@ -98,6 +98,11 @@ def add(commands: Commands) -> None:
         help="a recording (.mcap), a bag of ROS 2, a log (.jsonl, .csv, .xes, .ocel.json: of the model beside the "
         "properties), or a folder of them",
     )  # fmt: skip
+    judging.add_argument(
+        "--columns", action="append", default=[], type=_naming, metavar="KEY=NAME",
+        help="judge .xes files of another tool: what names the robot (org:resource unless said), the element by id or "
+        "label (concept:name), the transition (lifecycle:transition) and the time (time:timestamp); repeatable",
+    )  # fmt: skip
     add_json(judging)
 
 
@@ -160,7 +165,7 @@ def convert(arguments: Namespace) -> int:
 def _naming(text: str) -> tuple[str, str]:
     kind, _, variable = text.partition("=")
     if not kind or not variable:
-        raise ArgumentTypeError(f"expected TYPE=VARIABLE, as in parcel=parcel_id, got {text!r}")
+        raise ArgumentTypeError(f"expected KEY=NAME, as in parcel=parcel_id or robot=org:resource, got {text!r}")
     return kind, variable
 
 
@@ -185,14 +190,18 @@ def _write(doing: str, write: Callable[..., Iterable[str]], arguments: Namespace
 def judge(arguments: Namespace) -> int:
     """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
     from fame.log.bags import is_bag, judge_bag
+    from fame.log.event_logs import COLUMNS, XES
     from fame.log.judge import judge_log
     from fame.properties.judge import HEADS, exit_code
 
+    columns = dict(arguments.columns)
+    if wrong := columns.keys() - COLUMNS.keys():
+        raise ConfigError(f"--columns: unknown key {min(wrong)!r}; keys are: {', '.join(COLUMNS)}")
     properties, model, team = subject(arguments.properties)
     found = {
         str(path): judge_bag(path, properties, model, team)
         if is_bag(path)
-        else judge_log(path, properties, model, team=team)
+        else judge_log(path, properties, model, team=team, columns=columns if path.suffix.lower() == XES else {})
         for path in _runs(arguments.runs)
     }
     if arguments.json:

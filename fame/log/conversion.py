@@ -20,7 +20,7 @@ from fame.errors import ConfigError, ModelError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.mission_level import PART, MissionLevel
-from fame.log.ocel import ObjectVariables, write_ocel
+from fame.log.ocel import CaseNumbers, ObjectVariables, write_ocel
 from fame.log.recording import ModelRun, RecordedMessage, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import KeyWriter, TeamState, shift_times
@@ -127,16 +127,20 @@ def _write_events(
             log(Event(0, "", 0, 0, "", "epoch", date_text(epoch)))
         if kept := _kept(recording, robots, mission):
             log(Event(0, "", 0, 0, "", PART, kept))
+        cases = CaseNumbers()
         length, reported = max(1, recording.end - recording.start), 0.0
         for event in recording.events(robots=robots):
             if mission is None or event.element in mission.elements or event.what not in COUNTED:
-                log(event)
+                number = cases.number(event.robot, event.instance, event.what)
+                log(event if number == event.instance else event._replace(instance=number))
             done = (event.time - recording.start) / length
             if done >= reported + 0.01:
                 reported = done
                 on_progress(done)
         for verdict in recording.verdicts:
             log(Event(recording.end, "", 0, 0, "", "verdict", verdict))
+        if ended := recording.ended:
+            log(ended)
 
 
 def _write_bag(recording: Recording, target: Path) -> None:

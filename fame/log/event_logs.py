@@ -26,11 +26,16 @@ from fame.log.mission_level import PART
 from fame.log.ocel import RECORDING
 from fame.log.reading import PART_MESSAGE, rows_of
 from fame.properties.vocabulary import is_of_pool
+from fame.robot.events import ENDED
 from fame.text import open_file
 
 EventRow = Mapping[str, Any]
 XES, OCEL = ".xes", ".ocel.json"
 EVENT_LOGS: Sequence[str] = (".jsonl", ".csv", XES, OCEL)
+COLUMNS: Mapping[str, str] = {
+    "robot": "org:resource", "element": "concept:name", "transition": "lifecycle:transition", "time": "time:timestamp",
+}  # fmt: skip
+"""Keys of ``--columns``, and what each is called in an XES of another tool unless it says otherwise."""
 _OF_ENGINE = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 _WHAT = {"start": "enter", "complete": "leave", "abort": "cancel", "ate_abort": "cancel", "fail": "fail"}
 
@@ -40,7 +45,7 @@ class RecordedEvents:
     """The events of a run: robot, instance, element, what, detail, and time (ns).
 
     processes  robot -> id of its process
-    complete   whether no instance was running at the end
+    complete   whether nothing could come any more, as the log says; else whether no instance was running at the end
     partly     robots of which the log does not have everything
     lacks      (element, what): what such a log does not say, as text; empty if it has such events
     reordered  the same rows in the other order where they are at one time and the log has no order of them
@@ -58,24 +63,40 @@ class RecordedEvents:
     cancelled: frozenset[tuple[str, str]] = frozenset()
 
 
-def read_event_log(path: Path, model: Definitions) -> RecordedEvents:
-    """Return the events in a file of a mission with this model. Raises ConfigError."""
+def read_event_log(path: Path, model: Definitions, columns: Mapping[str, str]) -> RecordedEvents:
+    """Return the events in a file of a mission with this model. `columns`: names in an XES of another tool.
+
+    Raises ConfigError.
+    """
     if path.name.lower().endswith((XES, OCEL)):
         try:
+            if columns:
+                return _read_foreign_xes(path, model, columns)
             return (_read_xes if path.suffix.lower() == XES else _read_ocel)(path, model)
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError, ElementTree.ParseError):
-            raise ConfigError("is not a log as fame log convert writes it", file=str(path)) from None
+            mapped = "; --columns maps the names of another one" if path.suffix.lower() == XES and not columns else ""
+            raise ConfigError(f"is not a log as fame log convert writes it{mapped}", file=str(path)) from None
     with rows_of(path) as found:
-        rows = [{**row, "time": round(float(row["time"]) * SECOND)} for row in found if row.get("robot")]
+        rows = [
+            {**row, "robot": row.get("robot", ""), "time": round(float(row["time"]) * SECOND)}
+            for row in found
+            if row.get("robot") or row["what"] == ENDED
+        ]
         running: set[tuple[Any, Any]] = set()
         for row in rows:
             if row["what"] in ("start", "end"):
                 (running.add if row["what"] == "start" else running.discard)((row["robot"], row["instance"]))
     processes = _processes(rows)
     late = {str(row["robot"]): "" for row in rows if row["what"] in _OF_ENGINE and row["robot"] not in processes}
-    return RecordedEvents(rows, {**_by_pool(model, late), **processes}, bool(rows) and not running, frozenset(late))
+    complete = _is_complete(rows, bool(rows) and not running)
+    return RecordedEvents(rows, {**_by_pool(model, late), **processes}, complete, frozenset(late))
+
+
+def _is_complete(rows: Iterable[EventRow], otherwise: bool) -> bool:
+    """Whether nothing could come any more, as the end of the run says; `otherwise` without one."""
+    return next((row["detail"] == "complete" for row in rows if row["what"] == ENDED), otherwise)
 
 
 def _processes(rows: Iterable[EventRow]) -> dict[str, str]:
@@ -119,6 +140,8 @@ def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
     root = ElementTree.parse(path).getroot()
     if (part := _values(root).get(PART)) is not None:
         raise ConfigError(PART_MESSAGE.format(part), file=str(path))
+    ends = root.findall(f"{{*}}string[@key='{ENDED}']")
+    traces += [[_row(_values(one)["time:timestamp"], "", "", "", ENDED, one.get("value"))] for one in ends]
     for trace in root.findall("{*}trace"):
         values = _values(trace)
         robot, _, instance = values["concept:name"].rpartition("/")
@@ -134,6 +157,25 @@ def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
             what = "fail" if "error" in event else _WHAT[event["lifecycle:transition"]]
             place = robot, instance, event["element"], what, event.get("error")
             traces[-1].append(_row(event["time:timestamp"], *place))
+    forth, back = (_timed([row for rows in some for row in rows]) for some in (traces, traces[::-1]))
+
+    def has_order(rows: Sequence[EventRow]) -> bool:
+        return _traces(rows) < 2 or len(rows) == 2  # of more, neither all that two traces may have done
+
+    return RecordedEvents(
+        forth,
+        processes,
+        _is_complete(forth, complete),
+        frozenset(partly),
+        _lacks_of_xes(model),
+        back,
+        has_order,
+        cancelled=frozenset(cancelled),
+    )
+
+
+def _lacks_of_xes(model: Definitions) -> Callable[[str, str], str]:
+    """What no XES says: it has activities alone."""
     elements = element_info([model])
 
     def lacks(element: str, what: str) -> str:
@@ -141,14 +183,41 @@ def _read_xes(path: Path, model: Definitions) -> RecordedEvents:
             return "when instances start and end"
         return "" if elements.get(element, UNKNOWN).activity else f"what happens at {element}, which is no activity"
 
-    forth, back = (_timed([row for rows in some for row in rows]) for some in (traces, traces[::-1]))
+    return lacks
 
-    def has_order(rows: Sequence[EventRow]) -> bool:
-        return _traces(rows) < 2 or len(rows) == 2  # of more, neither all that two traces may have done
 
+def _read_foreign_xes(path: Path, model: Definitions, columns: Mapping[str, str]) -> RecordedEvents:
+    """The events of another tool's log. An event without transition is an execution of its own: it starts and ends.
+
+    How its run ended is not known. Raises ConfigError for one whose events have no robots or elements of the model.
+    """
+    named = {**COLUMNS, **columns}
+    places = {name: one.id for process in model.processes for one in process.body.walk()
+              for name in (one.id, one.name) if name}  # fmt: skip
+    rows, missed = list[dict[str, Any]](), Counter[str]()
+    for number, trace in enumerate(ElementTree.parse(path).getroot().findall("{*}trace")):
+        values, under_way = _values(trace), Counter[str]()
+        for event in map(_values, trace.findall("{*}event")):
+            robot, said = (event.get(named[key]) or values.get(named[key], "") for key in ("robot", "element"))
+            what = _WHAT.get(event.get(named["transition"], "complete").lower(), "")
+            missed.update([key for key, value in (("robot", robot), ("element", places.get(said))) if not value])
+            if not (robot and said in places and what):
+                continue
+            place = robot, str(number), places[said]
+            if what == "leave" and not under_way[said]:
+                rows.append(_row(event[named["time"]], *place, "enter"))
+            else:
+                under_way[said] += 1 if what == "enter" else -1
+            rows.append(_row(event[named["time"]], *place, what))
+    if not rows:
+        key = missed.most_common(1)[0][0] if missed else "element"
+        text = f"{named[key]!r} names no {key} of {model.file}: --columns {key}=NAME says which attribute does"
+        raise ConfigError(text, file=str(path))
+    processes = _by_pool(model, dict.fromkeys(row["robot"] for row in rows))
     return RecordedEvents(
-        forth, processes, complete, frozenset(partly), lacks, back, has_order, cancelled=frozenset(cancelled)
-    )
+        _timed(rows), processes, False, lacks=_lacks_of_xes(model), reordered=_timed(rows[::-1]),
+        has_order=lambda rows: _traces(rows) < 2,
+    )  # fmt: skip
 
 
 def _values(parent: ElementTree.Element) -> dict[str, str]:
@@ -163,8 +232,11 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
         data = json.load(stream)
     starts, ends, partly = list[dict[str, Any]](), list[dict[str, Any]](), set[str]()
     recorded = (each for one in data["objects"] if one["type"] == RECORDING for each in one["attributes"])
-    for part in (each["value"] for each in recorded if each["name"] == PART):
-        raise ConfigError(PART_MESSAGE.format(part), file=str(path))
+    for each in recorded:
+        if each["name"] == PART:
+            raise ConfigError(PART_MESSAGE.format(each["value"]), file=str(path))
+        if each["name"] == ENDED:
+            ends.append(_row(each["time"], "", "", "", ENDED, each["value"]))
     instances = [each for each in data["objects"] if each["type"] == "instance"]
     for one in instances:
         robot, _, number = one["id"].removeprefix("instance:").rpartition("/")
@@ -185,6 +257,7 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
         return "" if known else f"what happens at {element}, which has no label"
 
     complete = all(any(each["name"] == "status" for each in one["attributes"]) for one in instances)
+    complete = _is_complete(ends, complete)
 
     def has_order(rows: Sequence[EventRow]) -> bool:
         return _traces(rows) < 2 or not any(row["what"] in ("start", "end") for row in rows)

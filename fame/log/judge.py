@@ -30,6 +30,7 @@ from fame.middleware.interface import ENGINE
 from fame.properties import Judge, Judgement, Monitor, Property, compile
 from fame.properties.conditions import RobotPosition, ValueSource, field_of
 from fame.properties.vocabulary import Closure, RobotTerms, Vocabulary, vocabulary
+from fame.robot.events import ENDED
 from fame.robot.robot_state import RobotState
 
 _NO_ORDER = "the log lacks the order of one instant"
@@ -43,11 +44,13 @@ def judge_log(
     *,
     team: Vocabulary | None = None,
     apart: int = 0,
+    columns: Mapping[str, str] = MappingProxyType({}),
     is_open: bool = False,
 ) -> list[Judgement]:
     """Return the judgements about a log; `model` is that of a log of events alone, `team` what is
     known of the team of a run.
 
+    `columns` are the names in an XES of another tool (`fame.log.event_logs.COLUMNS`).
     `apart` (ns): how far the clocks of two robots of a recording may be apart. Each robot is also judged that much
     later; what is violated only as the clocks stand is not known. So is what an incomplete recording does not violate,
     unless it `is_open`: its run has written all of it, and ends it once it is judged.
@@ -67,7 +70,7 @@ def judge_log(
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",
                           file=str(path))  # fmt: skip
-    return _judge_events(Path(path), properties, model)
+    return _judge_events(Path(path), properties, model, columns)
 
 
 def _unordered(judgement: Judgement, apart: int) -> Judgement:
@@ -78,8 +81,10 @@ def _not_known(judgement: Judgement, text: str) -> Judgement:
     return replace(judgement, verdict="not known", slack=None, time=None, text=text, began=None, elements=())
 
 
-def _judge_events(path: Path, properties: Sequence[Property], model: Definitions) -> list[Judgement]:
-    log = read_event_log(path, model)
+def _judge_events(
+    path: Path, properties: Sequence[Property], model: Definitions, columns: Mapping[str, str]
+) -> list[Judgement]:
+    log = read_event_log(path, model, columns)
     robots, files = team_of_model(model)
     team = _team_of({**robots, **log.processes}, files or [model])
     monitors = [compile(each, team) for each in properties]
@@ -354,7 +359,7 @@ def _replay(
         processes |= {robot: each[0].process for robot, each in recording.runs.items() if each}
         judge.meet(processes, [*models_of(recording), *models])
     end = int(recording.metadata.get("end", recording.end))
-    ended = recording.metadata.get("ended")
+    ended = recording.metadata.get(ENDED)
     at_end = _without_stop(recording.messages((EVENTS,), start=end))
     for time, message in _delayed(recording, late):
         if not message.topic.startswith("/fame/"):

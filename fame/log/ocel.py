@@ -43,6 +43,7 @@ from fame.log.elements import ElementInfo, element_info
 from fame.log.mission_level import PART, MissionLevel
 from fame.log.recording import RecordedMessage, Recording
 from fame.log.team_state import TeamState
+from fame.robot.events import ENDED
 from fame.text import suggestion
 
 ObjectVariables = Mapping[str, str]
@@ -50,14 +51,14 @@ ObjectVariables = Mapping[str, str]
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "abort", "fail": "fail"}
 RECORDING = "recording"
-"""The type of an object: only logs of a part of a run have one."""
+"""The type of an object: how the run ended, and what a log lacks of it."""
 _SENT, _RECEIVED, _GOAL_SENT, _GOAL_ENDED = "signal sent", "signal received", "goal sent", "goal ended"
 _OBJECT_TYPES: Mapping[str, Mapping[str, str]] = {
     "robot": {},
     "instance": {"process": "string", "status": "string"},
     "signal": {"topic": "string", "type": "string"},
     "goal": {"action": "string"},
-    RECORDING: {PART: "string"},
+    RECORDING: {PART: "string", ENDED: "string"},
     "property": {"sentence": "string", "verdict": "string", "slack": "float", "text": "string"},
 }
 _ELEMENT = {"element": "string", "kind": "string", "lifecycle": "string", "error": "string"}
@@ -67,6 +68,22 @@ _EVENT_TYPES: Mapping[str, Mapping[str, str]] = {
     _GOAL_SENT: {"action": "string"},
     _GOAL_ENDED: {"action": "string"},
 }
+
+
+class CaseNumbers:
+    """Numbers of instances by which these stay apart when a robot numbers them anew: in another mission, as of merged
+    recordings. They are those of the engine as long as they grow."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[tuple[str, int], int] = {}
+        self._last: dict[str, int] = {}
+
+    def number(self, robot: str, instance: int, what: str = "") -> int:
+        """Return the number of an instance, to which something (the mark `what`) happens."""
+        if what == "start":
+            last = self._last.get(robot, 0)
+            self._last[robot] = self._numbers[robot, instance] = instance if instance > last else last + 1
+        return self._numbers.get((robot, instance), instance)
 
 
 def write_ocel(
@@ -100,6 +117,8 @@ def write_ocel(
         _add_verdict(log, verdict, recording.end)
     if recording.lack:
         log.object(RECORDING, RECORDING, recording.end, {PART: recording.lack})
+    if ended := recording.ended:
+        log.object(RECORDING, RECORDING, ended.time, {ENDED: ended.detail})
     text = json.dumps(log.to_json(), ensure_ascii=False, separators=(",", ":"))
     stream.write(text.encode("utf-8", "backslashreplace"))
 
@@ -175,6 +194,7 @@ class _Log:
     events: list[dict[str, Any]] = field(default_factory=list)
     objects: dict[str, dict[str, Any]] = field(default_factory=dict)
     labels: dict[str, None] = field(default_factory=dict)
+    cases: CaseNumbers = field(default_factory=CaseNumbers)
 
     def date(self, time: int) -> str:
         """Return a time of the recording (ns) as date."""
@@ -215,6 +235,7 @@ class _Log:
 
     def instance(self, robot: str, number: int, time: int, attributes: Mapping[str, str]) -> str:
         """Return the object of a process instance."""
+        number = self.cases.number(robot, number, "start" if "process" in attributes else "")
         return self.object(f"instance:{robot}/{number}", "instance", time, attributes, robot=self.robot(robot, time))
 
     def to_json(self) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from fame.log.recording_file import Sink
 from fame.log.team_state import KeyWriter, Put
 from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
-from fame.robot.events import Event, Observer
+from fame.robot.events import ENDED, Event, Observer
 from fame.robot.robot_state import RobotState
 from fame.scripting.transforms import TOPICS as TF_TOPICS
 
@@ -126,16 +126,13 @@ class Recorder(Observer):
         """Record other channels, as of a world: `record` is called with a function that takes their messages."""
         record(lambda topic, time, data: self.begin().put(topic, time, data))
 
-    def run_ends(self, complete: bool) -> None:
-        """Record whether nothing could come any more (`complete`), or the run is cut."""
-        assert self._scheduler is not None
-        self._flush()
-        verdicts = {"properties": json.dumps(self._verdicts)} if self._verdicts else {}
-        self.begin().describe({**verdicts, "ended": "complete" if complete else "cut", "end": str(self._scheduler.now)})
-
     def __call__(self, event: Event) -> None:
         if event.what == "verdict":
             self._verdicts.append(event.detail)
+        if event.what == ENDED:
+            self._flush()
+            verdicts = {"properties": json.dumps(self._verdicts)} if self._verdicts else {}
+            self.begin().describe({**verdicts, ENDED: event.detail, "end": str(event.time)})
         tracker = self._trackers.get(event.robot)
         if tracker is not None:
             tracker.event(event)

@@ -23,7 +23,7 @@ from fame.errors import ConfigError
 from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.mcap_index import ChunkPlace, chunk_messages, read_index
 from fame.log.team_state import TeamState
-from fame.robot.events import Event
+from fame.robot.events import ENDED, Event
 from fame.text import open_file, unreadable
 
 if TYPE_CHECKING:
@@ -193,6 +193,12 @@ class Recording(Closing):
         """The judgement about each property at the end (`Judgement.to_json`). Raises ConfigError as `runs`."""
         with self._as_written("metadata `properties`"):
             return [{**each} for each in json.loads(self.metadata.get("properties", "[]"))]
+
+    @property
+    def ended(self) -> Event | None:
+        """The event with which its run ended; None if it does not say how."""
+        how = self.metadata.get(ENDED)
+        return Event(int(self.metadata.get("end", self.end)), "", 0, 0, "", ENDED, how) if how is not None else None
 
     @property
     def lack(self) -> str:

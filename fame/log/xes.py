@@ -6,7 +6,7 @@ call activity) has a ``start`` and a ``complete``, or an ``ate_abort`` if it was
 from `EPOCH`.
 
 A trace is written when its instance ends. The remaining ones are written at the end, and the verdicts about properties
-as attributes of the log: ``property:NAME``, with sentence, slack and why in it.
+as attributes of the log: ``property:NAME``, with sentence, slack and why in it; and ``ended``, with its date.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fame.engine.state import Trail
 from fame.iso8601 import parse_datetime
 from fame.log.elements import ElementInfo
 from fame.log.mission_level import PART
-from fame.robot.events import Event, Observer
+from fame.robot.events import ENDED, Event, Observer
 from fame.text import NOT_XML
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
@@ -103,6 +103,9 @@ class _Traces(Observer):
             self._stream.write(_attribute(2, PART, str(event.detail)).encode())
         if event.what == "verdict":
             self._verdicts.append(_verdict(event.detail))
+        if event.what == ENDED:
+            date = _attribute(4, "time:timestamp", _moment(self._epoch, event.time), "date")
+            self._verdicts.append(_with_inner(ENDED, event.detail, date))
         self._add(event.robot, event.instance, event.scope, event[4:], _date(self._epoch, event.time))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
@@ -148,8 +151,12 @@ def _verdict(judgement: Mapping[str, Any]) -> str:
     inner = "".join(_attribute(4, key, judgement[key]) for key in ("sentence", "text") if judgement[key])
     if judgement["slack"] is not None:
         inner += _attribute(4, "slack", str(judgement["slack"]), "float")
-    start = _attribute(2, f"property:{judgement['property']}", judgement["verdict"]).replace("/>", ">")
-    return f"{start}{inner}  </string>\n"
+    return _with_inner(f"property:{judgement['property']}", judgement["verdict"], inner)
+
+
+def _with_inner(key: str, value: str, inner: str) -> str:
+    """An attribute of the log with others in it."""
+    return f"{_attribute(2, key, value).replace('/>', '>')}{inner}  </string>\n"
 
 
 def _trace(robot: str, instance: int, trace: _Trace, status: str) -> str:
@@ -178,8 +185,11 @@ def _event(robot: str, mark: Mark, name: ElementInfo) -> tuple[str, str]:
 
 def _date(epoch: datetime, time: int) -> str:
     """The date of an event, and its end tag."""
-    moment = date_at(epoch, time).isoformat(timespec="microseconds")
-    return f"{_attribute(6, 'time:timestamp', moment, 'date')}    </event>\n"
+    return f"{_attribute(6, 'time:timestamp', _moment(epoch, time), 'date')}    </event>\n"
+
+
+def _moment(epoch: datetime, time: int) -> str:
+    return date_at(epoch, time).isoformat(timespec="microseconds")
 
 
 def _attribute(indent: int, key: str, value: str, tag: str = "string") -> str:

@@ -5,8 +5,7 @@ been handled (and in between, if that takes long); all of it has the same time. 
 each record is passed on at once.
 
 An observer is a function of an `Event`, or an `Observer`, which may get more: the records as they are, so that no event
-need be made of each (logs do that), the robots, the simulated world, and how the run ends (recordings do that:
-`fame.log.recorder`).
+need be made of each (logs do that), the robots, and the simulated world (recordings do that: `fame.log.recorder`).
 """
 
 from __future__ import annotations
@@ -25,12 +24,15 @@ if TYPE_CHECKING:
     from fame.robot.node import RobotNode
 
 OnEvent = Callable[["Event"], object]
+ENDED = "ended"
+"""The last event of a run, of no robot: its detail is ``complete`` if nothing could come any more, else ``cut``."""
 
 
 class Event(NamedTuple):
     """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``, ``answer``.
 
-    At the end of a judged run there is a ``verdict`` of no robot for each property; `detail` is its judgement as dict.
+    At the end of a run there is a ``verdict`` of no robot for each property; `detail` is its judgement as dict. The
+    last event is `ENDED`.
     """
 
     time: int
@@ -62,10 +64,6 @@ class Observer(Protocol):
 
     def add_channels(self, record: Callable[[Callable[..., object]], object]) -> None:
         """Record other channels, as of a world: `record` is called with a function that takes their messages."""
-        return None
-
-    def run_ends(self, complete: bool) -> None:
-        """The run ends, `complete` or not, and is about to be stopped."""
         return None
 
 
@@ -133,10 +131,6 @@ class _CombinedObserver(Observer):
     def add_channels(self, record: Callable[[Callable[..., object]], object]) -> None:
         for observer in self._observers:
             observer.add_channels(record)
-
-    def run_ends(self, complete: bool) -> None:
-        for observer in self._observers:
-            observer.run_ends(complete)
 
     def __call__(self, event: Event) -> None:
         for observer in self._observers:

@@ -23,7 +23,7 @@ from fame.middleware.network import Network
 from fame.monitor.services import SERVICES, WATCH
 from fame.randomness import RANDOM_MODULES, ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, ServiceFunction, make_mission
-from fame.robot.events import Observer, OnEvent, combine_observers
+from fame.robot.events import ENDED, Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
 from fame.scenario.film_captions import Captions
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
@@ -246,7 +246,7 @@ class Run:
         if self.observer is not None:
             for each in judgements:
                 self.observer(Event(self.scheduler.now, "", 0, 0, "", "verdict", each.to_json()))
-            self.observer.run_ends(complete)
+            self.observer(Event(self.scheduler.now, "", 0, 0, "", ENDED, "complete" if complete else "cut"))
         names = {node.node.full_name: node.name for node in self.nodes}
         for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:
