@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Literal
 
+from fame.bpmn.library import comes_with_fame
 from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
 from fame.middleware.interface import TopicInfo
@@ -128,9 +129,10 @@ class Result:
     @property
     def messages(self) -> list[str]:
         """One line for each error and waiting token, and for what is wrong in the world (`_world_messages`)."""
-        lines = [*self.problems, *(str(error) for robot in self.robots for error in robot.errors)]
+        alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
+        errors = (error for robot in self.robots for error in robot.errors)
+        lines = [*self.problems, *(f"{error}{alone if comes_with_fame(error.file) else ''}" for error in errors)]
         if self.status == "timeout" or (self.status == "failed" and self.ending):
-            alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
             lines.append(f"{self.ending} after {self.simulated:g} simulated seconds{alone}")
         if self.status != "completed":
             lines += [f"pool {name} never started: no robot of it ran its process" for name in self.never_started]

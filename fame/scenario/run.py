@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from fame.bpmn.pools import pools_of, shared_topics
 from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
+from fame.engine import Instance
 from fame.errors import ConfigError, MissionError
 from fame.gc_tuning import MemoryGrowth, former_exempt, rarely_collected
 from fame.middleware import messages, qos
@@ -140,6 +141,7 @@ class Run:
                     built_in_services=built_in,
                     observer=self.observer,
                     on_report=self.reports.append,
+                    on_end=partial(self._on_end, robot),
                     safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
                     safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
                     strict=strict,
@@ -188,6 +190,11 @@ class Run:
         self.reports.append(event)
         if self._logs is not None:
             self._logs(event)
+
+    def _on_end(self, robot: str, instance: Instance) -> None:
+        """Report an error when it ends an instance; a summary of all comes at the end."""
+        if (error := instance.error) is not None:
+            self.reports.append(Event(self.scheduler.now, robot, 0, 0, error.element, "report", error.text))
 
     @property
     def over(self) -> bool:

@@ -7,6 +7,7 @@ each keeps its own name through the run.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Container, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -16,6 +17,9 @@ from fame.check.explore.product import Product
 from fame.check.explore.transitions import BITS, CUT, MASK, Move, Seen, Transition
 from fame.check.explore.views import element_of
 from fame.errors import display_name
+
+_MOST_THROWS = 8
+"""Messages of a step that are listed one by one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +254,7 @@ class Runs:
                 text = f"{robot} starts" if given is None else f"{robot} continues"
         throws = tuple((topic, local.values.text(number)) for topic, number, _ in move.successor.sent)
         if throws:
-            text += ", " + ", ".join(f"throws {topic}" for topic, _ in throws)
+            text += ", " + ", ".join(f"throws {topic}" for topic in _topics([topic for topic, _ in throws]))
         failures = [what.partition("\n") for one, what in move.successor.flags if one == "error"]
         for failed, _, why in failures:
             text += f"; {self._label(failed)} fails: {why}" if failed != element else ""
@@ -266,6 +270,15 @@ class Runs:
 
     def _label(self, element: str) -> str:
         return self.place(element).label
+
+
+def _topics(thrown: Sequence[str]) -> Iterator[str]:
+    """The topics that a step throws, in order; of many, each once, with how often."""
+    if len(thrown) <= _MOST_THROWS:
+        yield from thrown
+        return
+    for topic, count in Counter(thrown).items():
+        yield f"{topic}, {count:,} times" if count > 1 else topic
 
 
 def _misses(transition: Transition, topics: Set[str] | None = None) -> bool:
