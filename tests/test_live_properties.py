@@ -19,7 +19,7 @@ from fame.deploy import STRING
 from fame.deploy.requests import TaskRequest
 from fame.log import Recording
 from fame.log.channels import PROPERTIES
-from fame.log.judge import judge_log
+from fame.log.judge import BATTERY, judge_log
 from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
@@ -119,6 +119,23 @@ def test_a_team_is_judged_while_it_runs(judged: Judged) -> None:
     assert judged.verdicts() == WORDS
     close = next(each for each in judged.judging.judgements if each.name == "close")
     assert close.text.startswith("a bound is within the doubt of the clocks (0.0")
+
+
+def test_the_battery_that_a_property_reads_is_recorded_although_no_model_names_its_topic(tmp_path: Path) -> None:
+    made = properties(full="always A.battery > 0.1", low="always A.battery > 0.6", other="always B.battery > 0.1")
+    judged = Judged(tmp_path / "run.mcap", made, team(TEAM))
+    robot = judged.field.middleware.node("robot", "A")
+    battery, other = robot.publisher("battery_state", BATTERY), robot.publisher("spare_state", "std_msgs/msg/Int8")
+    judged.deploy("A", "B")
+    judged.field.run(1)
+    for publisher, message in ((battery, {"percentage": 0.5}), (other, {"data": 1})):
+        publisher.publish(messages.create(publisher.type, message))
+    judged.field.run(1)
+    assert judged.verdicts() == {"full": "holds", "low": "violated", "other": "not known"}
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert "/A/battery_state" in recording.topics
+        assert "/A/spare_state" not in recording.topics
+    judged.close()
 
 
 def test_what_a_lost_mission_would_have_done_is_not_known(tmp_path: Path) -> None:

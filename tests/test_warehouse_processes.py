@@ -24,7 +24,7 @@ def smaller(folder: Path) -> Path:
     world = scenario["world"]
     world["parcels"] = [parcel for parcel in world["parcels"] if parcel["name"] == "parcel_4"]
     del world["robots"]["Carrier_2"]
-    del scenario["properties"]  # other processes sample no battery: what needs it is not known
+    scenario["properties"] = {"charge": scenario["properties"]["charge"]}
     scenario["model"] = str(ROOT / "models" / "warehouse.bpmn")
     path = folder / "warehouse.yaml"
     path.write_text(json.dumps(scenario))
@@ -49,3 +49,4 @@ def test_carriers_bid_and_deliver_a_parcel(middleware: str, tmp_path: Path) -> N
     assert (done.returncode, said["status"]) == (0, "completed"), done
     stations = {name: parcel["station"] for name, parcel in said["world"]["parcels"].items()}
     assert stations == {"parcel_4": "packing_1"}
+    assert [one["verdict"] for one in said["properties"]] == ["holds"]

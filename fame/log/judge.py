@@ -26,7 +26,7 @@ from fame.log.conversion import models_of
 from fame.log.event_logs import EventRow, RecordedEvents, read_event_log
 from fame.log.recording import RecordedMessage, Recording, scene_values
 from fame.log.team_state import TeamState
-from fame.middleware.interface import ENGINE
+from fame.middleware.interface import ENGINE, TopicInfo
 from fame.properties import Judge, Judgement, Monitor, Property, compile
 from fame.properties.conditions import RobotPosition, ValueSource, field_of
 from fame.properties.vocabulary import Closure, RobotTerms, Vocabulary, vocabulary
@@ -339,6 +339,12 @@ class TeamJudge:
             if self._whole and data["robots"][robot]["instances"]:
                 self.judge.lose(robot, f"the recording does not have the beginning of {robot}")
         self._see(data["robots"])
+
+
+def reads(judge: Judge, info: TopicInfo) -> bool:
+    """Return whether a judge needs the messages of a topic: properties name it, or the battery that publishes it."""
+    batteries = (ValueSource("battery", name.split("/")[1]) for name in info.publishers if info.types[:1] == (BATTERY,))
+    return info.name in judge.topics or not judge.sources.isdisjoint(batteries)
 
 
 def runs(state: TeamState) -> bool:

@@ -15,9 +15,10 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.errors import ConfigError, ModelError
 from fame.log.channels import EVENTS, PROPERTIES
-from fame.log.judge import TeamJudge, team_of_model
+from fame.log.judge import TeamJudge, reads, team_of_model
 from fame.log.recording_file import Sink
 from fame.middleware import messages
+from fame.middleware.interface import TopicInfo
 from fame.properties import Judgement, Property
 from fame.properties.vocabulary import Vocabulary
 
@@ -83,10 +84,9 @@ class LiveJudge(Sink):
         self._judge.take_up(kept)
         self._judge.judge.watch, self._ready = self._watch, True
 
-    @property
-    def topics(self) -> frozenset[str]:
-        """The topics whose messages it needs, as far as the robots are known."""
-        return self._judge.judge.topics
+    def reads(self, info: TopicInfo) -> bool:
+        """Return whether it needs the messages of a topic, as far as the robots are known."""
+        return reads(self._judge.judge, info)
 
     @property
     def so_far(self) -> list[Judgement]:

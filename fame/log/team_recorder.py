@@ -48,7 +48,7 @@ class TeamRecorderOptions:
     """Options of a `TeamRecorder`.
 
     robots    those to record; by default all
-    topics    which ones are recorded, and `also` these
+    topics    which ones are recorded, and those for which `also` holds
     metadata  what the recording says of itself
     models    attach what each robot runs
     delay     how long batches wait for those of other robots (ns)
@@ -56,7 +56,7 @@ class TeamRecorderOptions:
 
     robots: frozenset[str] = frozenset()
     topics: LogTopics = "signals"
-    also: frozenset[str] = frozenset()
+    also: Callable[[TopicInfo], bool] = lambda info: False
     metadata: Mapping[str, str] = field(default_factory=dict)
     models: bool = True
     delay: int = DELAY
@@ -211,7 +211,7 @@ class TeamRecorder(Closing):
         first, last = info.name.split("/")[1], info.name.rpartition("/")[2]
         if not info.publishers or not info.types or "/msg/" not in info.types[0]:
             return False
-        if info.name in self._options.also or (self._judging is not None and info.name in self._judging.topics):
+        if self._options.also(info) or (self._judging is not None and self._judging.reads(info)):
             return True
         if last in _INTERNAL or info.name in _GENERAL or (info.name in TF_TOPICS and not every):
             return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 from fame.clock import Scheduler
 from fame.errors import ConfigError
 from fame.log.conversion import FORMS, convert
+from fame.log.judge import reads
 from fame.log.recorder import About, LogTopics, model_attachments
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
@@ -57,7 +59,7 @@ class TeamLogs:
         options = TeamRecorderOptions(
             robots=frozenset(self._scenario.cast),
             topics=self._topics,
-            also=Judge([compile(each, team) for each in made]).topics,
+            also=partial(reads, Judge([compile(each, team) for each in made])),
             metadata=self._about.metadata,
             models=False,
         )
