@@ -493,9 +493,9 @@ def varied(seed: int) -> tuple[dict[str, Steps], dict[str, Any]]:
     given += [f"send {name}" for name in messages if f"'send {name}'" not in used]
     robots["R0"] = [*robots["R0"][:1], *given[:1], "work", *given[1:], *robots["R0"][1:]]
     starts = Random(f"starts {seed}")
-    for name in [*robots] if starts.random() < 0.5 else []:  # several throw in the instant in which all start
-        others = [signal for signal in signals if f"start {signal}" not in robots[name]]  # else it would start for ever
-        first = [f"throw {signal}" for signal in starts.sample(others, starts.randint(0, 2))]
+    alone = "start a" in robots["R1"]  # which others could make start again and again, in no time
+    for name in [*robots] if starts.random() < 0.5 and not alone else []:  # several throw in the instant of all starts
+        first = [f"throw {signal}" for signal in starts.sample(signals, starts.randint(0, 2))]
         place = robots[name].index("run n = 0") + 1
         robots[name] = [*robots[name][:place], *first, *robots[name][place:]]
     return {**robots, **called}, {"calls": calls, "several": ("R1",) if seed % 5 == 0 else ()}

@@ -36,6 +36,7 @@ class EngineState:
     gathered        triggers of parallel multiple start events that are not complete
     armed_starts    start events with a timer, by key
     suspensions     scopes that were suspended since the loop last looked at the bound of a livelock
+    starts_no_more  whether instances have started each other for too long: no further one starts in this stimulus
     held            all scopes and waits, while the host holds the engine
     untaken         BPMN messages that no event has taken, by topic; those in queues count
     incidents       tokens at elements that have failed, with code and text (`fame.engine.repair`)
@@ -65,6 +66,7 @@ class EngineState:
         self.gathered: dict[Node, list[Gathered]] = {}
         self.armed_starts: dict[int, Node] = {}
         self.suspensions = 0
+        self.starts_no_more = False
         self.held: tuple[list[Scope], list[Wait]] | None = None
         self.untaken: Counter[str] = Counter()
         self.incidents: dict[Wait, tuple[str, str]] = {}

@@ -284,6 +284,7 @@ class Engine(EngineState):
                 continue
             if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
+        self.starts_no_more = False
         if self._trail:
             self.observe()
         if self.settled is not None:
@@ -296,9 +297,12 @@ class Engine(EngineState):
         return len(self.waits) < before
 
     def _fail_livelock(self, node: Node, scope: Scope) -> None:
-        """Trace the tokens of a livelock for a while to find the elements of the loop, then fail the instance."""
+        """Trace the tokens of a livelock for a while to find the elements of the loop, then fail the instance.
+
+        Where each instance starts the next one, the newest fails, and no further one starts in this stimulus.
+        """
         instance, ready = scope.instance, self.ready
-        passes: dict[str, int] = {}
+        passes, of_all = dict[str, int](), dict[str, int]()
         ready.appendleft((node, scope))
         for _ in range(min(TRACE, self.limit)):
             if not ready or self.suspensions > SUSPENSIONS // 100:
@@ -309,17 +313,25 @@ class Engine(EngineState):
             elif place.state > 0:
                 place.held += (follower,)
             elif not place.state:
-                if place.instance is instance and follower.step is not steps.flow:
-                    passes[follower.id] = passes.get(follower.id, 0) + 1
+                for counts in (of_all, *([passes] if place.instance is instance else ())):
+                    if follower.step is not steps.flow:
+                        counts[follower.id] = counts.get(follower.id, 0) + 1
                 place.counts[follower.index] += 1
                 following = follower.step(self, place, follower)
                 if following is not None:
                     ready.appendleft((following, place))
+        chain = not any(count > 1 for count in passes.values()) and any(count > 1 for count in of_all.values())
+        if chain:
+            instance, passes = next(reversed(self.instances.values()), instance), of_all
+            self.starts_no_more = True
+        loop = ", ".join(id for id, count in passes.items() if id and count > 1)
+        each = f" (a suspension counts as {self.limit // SUSPENSIONS})" if self.suspensions else ""
+        among = " of instances that start each other" if chain else ""
+        text = f"{self.limit} moves without waiting{each}, in a loop{among} over {loop}"
         if instance.status == "running":
-            loop = ", ".join(id for id, count in passes.items() if id and count > 1)
-            each = f" (a suspension counts as {self.limit // SUSPENSIONS})" if self.suspensions else ""
-            text = f"{self.limit} moves without waiting{each}, in a loop over {loop}"
             faults.abandon(self, instance, node, text, "livelock")
+        elif chain:
+            self.host.report(node.id, text)
 
     # ---- callbacks -----------------------------------------------------------------------------------
 

@@ -47,6 +47,8 @@ def trigger(engine: EngineState, node: Node, message: Any) -> None:
     if engine.held is not None:
         engine.host.report(node.id, "trigger dropped: the robot is on hold")
         return
+    if engine.starts_no_more:
+        return
     arrived: Arrived | None = [(node, message)]
     spec: Start = node.spec
     if spec.whole is not None:

@@ -66,6 +66,17 @@ def test_an_event_sub_process_that_suspends_again_and_again_is_one_long_before(p
     assert run.visits["d"] < 20_000
 
 
+@pytest.mark.parametrize("rest", [end("u"), user("u")], ids=["which end", "which stay"])
+def test_instances_that_start_each_other_for_ever_are_one_too(play: Play, rest: str) -> None:
+    run = play(start("s", signal("go")) + throw("t", signal("go")) + rest + path("s t u"), moves=1000).run()
+    run.signal("go")
+    (failure,) = [one.error for one in run.simulation.instances if one.error is not None]
+    assert "1000 moves without waiting, in a loop of instances that start each other over" in str(failure)
+    assert {"s", "t"} <= set(str(failure).replace(",", "").split())
+    assert len(run.simulation.instances) < 3000
+    run.signal("go")  # and the robot takes further signals
+
+
 def test_other_instances_go_on(play: Play) -> None:
     content = start("s", signal("go")) + user("u") + path("s u m a m") + gateway("exclusive", "m") + script("a")
     run = play(content, moves=1000).run().signal("go").signal("go").complete("u")

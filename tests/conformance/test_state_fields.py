@@ -62,7 +62,7 @@ FOLLOWS: dict[type, set[str]] = {
     Instance: {"program", "status", "scopes"},  # only running ones are there; scopes are counted
     EngineState: {
         "program", "host", "new_variables", "on_incident", "settled", "at_once", "parameters",  # the host's
-        "instances", "ready", "unsettled", "suspensions", "restored",  # a list of its own; the counter
+        "instances", "ready", "unsettled", "suspensions", "starts_no_more", "restored",  # a list of its own
         "_trail", "place", "emit",  # nothing between two stimuli
     },
 }  # fmt: skip
