@@ -295,8 +295,8 @@ def choose_process(definitions: Definitions, name: str | None, advice: str = "")
         if found is None:
             raise ModelError(f"has no process or pool {name!r}; it has {has}", file=definitions.file)
         return found
-    candidates = [process for process in processes if process.executable] if len(processes) > 1 else list(processes)
-    if len(candidates) != 1:
+    only = definitions.only_executable
+    if only is None:
         text = f"name the process to run: the file has {has}"
         raise ModelError(text + (advice if len(processes) > 1 else ""), file=definitions.file)
-    return candidates[0]
+    return only

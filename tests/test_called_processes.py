@@ -479,3 +479,48 @@ def test_handlers_inside_more_others_than_can_be_stored_are_an_error() -> None:
     simulation = fame.Simulation(definitions, process="M", variables={"n": 0, "undone": 0, "levels": 900})
     simulation.run()
     assert "compensation handlers of more than 100 completed activities inside" in str(simulation.instances[0].error)
+
+
+# ---- files without pools ---------------------------------------------------------------------------------------------
+
+ALONE = '<startEvent id="{0}s"/><scriptTask id="{0}t"><script>log("{0}")</script></scriptTask>' + (
+    '<sequenceFlow id="{0}f" sourceRef="{0}s" targetRef="{0}t"/>'
+)
+CALLS = '<startEvent id="As"/><callActivity id="At" calledElement="B"/>' + (
+    '<sequenceFlow id="Af" sourceRef="As" targetRef="At"/>'
+)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "runs"),
+    [
+        ((ALONE, "true"), (ALONE, "true"), ""),
+        ((ALONE, "true"), (ALONE, "false"), "A"),
+        ((CALLS, "true"), (ALONE, "true"), "A"),
+    ],
+    ids=["two", "one is executable", "one is called"],
+)
+def test_what_a_check_says_of_processes_without_pools_is_what_a_run_does(
+    first: tuple[str, str], second: tuple[str, str], runs: str, tmp_path: Path
+) -> None:
+    bodies = (f'<process id="{id}" isExecutable="{is_executable}">{body.format(id)}</process>'
+              for id, (body, is_executable) in zip("AB", (first, second), strict=True))  # fmt: skip
+    (tmp_path / "m.bpmn").write_text(document("".join(bodies)))
+    found = [one.text for one in check(tmp_path / "m.bpmn") if one.level == "error"]
+    if runs:
+        assert found == []
+        assert [robot.name for robot in Scenario.load(tmp_path / "m.bpmn").run().robots] == [runs]
+    else:
+        assert found[0].startswith("nothing to run: it has 2 processes and no pool for them: expected one with isExec")
+        with pytest.raises(ModelError, match="nothing to run"):
+            Scenario.load(tmp_path / "m.bpmn").run()
+
+
+def test_the_part_of_a_file_without_pools_that_calls_its_neighbour_runs(tmp_path: Path) -> None:
+    (tmp_path / "main.bpmn").write_text(document(f'<process id="A" isExecutable="true">{CALLS}</process>'))
+    (tmp_path / "b.bpmn").write_text(document(f'<process id="B" isExecutable="true">{ALONE.format("B")}</process>'))
+    (part,) = split(tmp_path / "main.bpmn")
+    (tmp_path / "alone").mkdir()
+    (tmp_path / "alone" / "A.bpmn").write_bytes(part.source)
+    result = Scenario.load(tmp_path / "alone" / "A.bpmn").run()
+    assert [event.detail for event in result.reports] == ["B"]

@@ -121,6 +121,10 @@ WARNINGS = {
         row(script("x = 1")) + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t"') + flows("w e"),
         "w: fires only once, so only the first time of its cycle counts: use a duration",
     ),
+    "months that may be meant as minutes": (
+        row(timer("intermediateCatchEvent", "timeDuration", "P5M")),
+        "w: P5M is 5 months: PT5M is as many minutes",
+    ),
     "a topic of the robot without a type": (
         row(catch("a", "odom", scope="robot")),
         "a: no event declares the type of the robot's topic ~/odom: set property type",

@@ -1,17 +1,21 @@
 """A world, its robots and a collaboration in one process: the ground-vehicle mission, and what can go wrong with it."""
 
+import math
 import re
 from pathlib import Path
 
 import pytest
+import yaml
 from bpmn_text import document, process, properties
 from collaborations import text_of
 
 import fame
 from fame.cli import main
+from fame.errors import ConfigError, MissionError
 from fame.log import Recording
 from fame.robot import Event
 from fame.scenario import Progress, Result, Scenario
+from fame.scenario.run import Run
 from fame.testing import MissionLoader
 
 EXAMPLE = Path("examples/ground_vehicles.yaml")
@@ -385,3 +389,61 @@ def test_what_an_instance_changes_in_a_variable_of_the_scenario_no_other_one_see
     (tmp_path / "s.yaml").write_text("model: m.bpmn\nvariables: {A: {seen: []}}\n")
     result = run(tmp_path / "s.yaml")
     assert (result.status, result.robots[0].instances) == ("completed", 2)
+
+
+# ---- the values of forms ---------------------------------------------------------------------------------------------
+
+
+def asking(folder: Path, field: str) -> Path:
+    """A scenario in which somebody is asked for `bags`."""
+    form = f"<extensionElements><camunda:formData>{field}</camunda:formData></extensionElements>"
+    (folder / "m.bpmn").write_text(process(
+        f'<startEvent id="s"/><userTask id="ask">{form}</userTask><sequenceFlow id="f" sourceRef="s" targetRef="ask"/>'
+    ))  # fmt: skip
+    path = folder / "s.yaml"
+    path.write_text("model: m.bpmn\ncomputers: [P]\ncomplete: [{at: 1, robot: P, element: ask, values: {bags: 3}}]\n")
+    return path
+
+
+BOUNDS = '<camunda:validation><camunda:constraint name="min" config="1"/></camunda:validation>'
+
+
+@pytest.mark.parametrize(
+    ("field", "fits", "wrong", "right"),
+    [
+        ('<camunda:formField id="bags" type="long"/>', [2, 2.0, None], ["two", 2.5, True, math.nan], "a whole number"),
+        ('<camunda:formField id="bags" type="double"/>', [2.5], ["two", math.inf], "a number"),
+        (f'<camunda:formField id="bags" type="long">{BOUNDS}</camunda:formField>', [1], [0], "a whole number of at le"),
+        ('<camunda:formField id="bags" type="boolean"/>', [True], ["yes", 1], "true or false"),
+        ('<camunda:formField id="bags" type="string"/>', ["two", 2], [], ""),
+        ('<camunda:formField id="bags" type="enum"><camunda:value id="a" name="A"/></camunda:formField>', ["a"], ["b"],
+         "one of a"),
+    ],
+    ids=["long", "double", "least", "boolean", "string", "enum"],
+)  # fmt: skip
+def test_a_value_that_the_form_of_a_task_does_not_take_is_refused(
+    field: str, fits: list[object], wrong: list[object], right: str, tmp_path: Path
+) -> None:
+    loaded = Scenario.load(asking(tmp_path, field.replace('"bags" type', '"other" type')))
+    assert loaded.run().status == "completed"
+    path = asking(tmp_path, field)
+    text = path.read_text()
+    for value, is_right in (*((one, True) for one in fits), *((one, False) for one in wrong)):
+        path.write_text(text.replace("bags: 3", f"bags: {yaml.safe_dump(value).splitlines()[0]}"))
+        if is_right:
+            assert Scenario.load(path).run().status == "completed"
+        else:
+            with pytest.raises(ConfigError, match=re.escape(f"complete[0].values: ask: bags: expected {right}")):
+                Scenario.load(path)
+
+
+def test_nor_does_a_running_robot_take_it(tmp_path: Path) -> None:
+    path = asking(tmp_path, '<camunda:formField id="bags" type="long"/>')
+    path.write_text(path.read_text().partition("complete:")[0])
+    run = Run(Scenario.load(path), False, None, None)
+    run.begin()
+    run.scheduler.run(0)
+    with pytest.raises(MissionError, match="bags: expected a whole number, got 'two'"):
+        run.nodes[0].complete("ask", {"bags": "two"})
+    assert run.nodes[0].complete("ask", {"bags": 2})
+    run.close()

@@ -6,9 +6,12 @@ A task names the form by its id, as an embedded one. A model that is split has i
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from typing import Any
 
-from fame.bpmn.model import Definitions, FormField, Human
+from fame.bpmn.model import Definitions, FlowNode, FormField, Human, Task
+from fame.bpmn.model.forms import unfit_value
 from fame.bpmn.reader.dialects.forms import form_js
 
 
@@ -30,6 +33,12 @@ def form_of(definitions: Definitions, human: Human) -> tuple[FormField, ...]:
         return form_js(text) if text else (*_missing(human.linked), *human.form)
     except ValueError as error:
         return (FormField(kind="other", label=f"Its form {human.linked} cannot be read: {error}"), *human.form)
+
+
+def unfit_values(nodes: Iterable[tuple[Definitions, FlowNode]], element: str, values: Mapping[str, Any]) -> str:
+    """Return what is wrong with the values that a person gives to a task, by its form; empty if nothing is."""
+    forms = (form_of(home, node.human) for home, node in nodes if node.id == element and isinstance(node, Task))
+    return next((text for form in forms if (text := unfit_value(form, values))), "") if values else ""
 
 
 def _missing(id: str) -> tuple[FormField, ...]:

@@ -1,7 +1,8 @@
 """The pools of a collaboration, and which robot plays which pool.
 
 A pool belongs to the robot whose namespace is its name, ignoring case; a multi-instance pool to every namespace
-``<Pool>_<digits>`` (FAME paper, section 3.3). A file without a collaboration is one pool, named after its process.
+``<Pool>_<digits>`` (FAME paper, section 3.3). A file without a collaboration is one pool, named after its process: the
+one that is executable.
 """
 
 from __future__ import annotations
@@ -51,14 +52,17 @@ def pools_of(definitions: Definitions) -> list[Pool]:
             )
         numbers = participant.minimum, participant.maximum
         pools.append(Pool(name, process, participant.multi_instance, participant.line, *numbers))
-    if not definitions.participants and len(definitions.processes) == 1:
-        process = definitions.processes[0]
-        pools.append(Pool(process.name or process.id, process, line=process.line))
+    meant = definitions.only_executable
+    if not definitions.participants and meant is not None:
+        pools.append(Pool(meant.name or meant.id, meant, line=meant.line))
     if not pools:
         black = [participant.label for participant in definitions.participants]
         found = f"its pools are black boxes: {', '.join(black)}" if black else "it has no pool"
         if not black and definitions.processes:
-            found = f"it has {len(definitions.processes)} processes and no pool for them"
+            found = (
+                f"it has {len(definitions.processes)} processes and no pool for them: expected one with isExecutable"
+            )
+            found += ' = "true", and "false" where a process is only called'
         raise ModelError(f"nothing to run: {found}", file=definitions.file)
     return pools
 

@@ -54,10 +54,10 @@ def check_reader_notes(scope: CheckScope) -> Iterator[Finding]:
 
 
 def check_pools(scope: CheckScope) -> Iterator[Finding]:
-    """Find pools that no robot can play; a file without pools is a library and needs none."""
+    """Find pools that no robot can play; a file without executable processes is a library and needs none."""
     definitions = scope.definitions
     pools = definitions.participants
-    while pools or not definitions.processes:
+    while pools or not definitions.processes or any(process.executable for process in definitions.processes):
         try:
             pools_of(replace(definitions, participants=pools))
         except ModelError as error:

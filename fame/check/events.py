@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import re
 from collections.abc import Callable, Iterator, Mapping
 
 from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, Task, TimerDefinition
@@ -37,6 +38,9 @@ def check_timers(scope: CheckScope) -> Iterator[Finding]:
                 yield from _timer(process, node, timer, node.id in handled)
 
 
+_MONTHS = re.compile(r"(?:^|/)P(\d+)M$")
+
+
 def _timer(process: CheckedProcess, event: FlowNode, timer: TimerDefinition, handler: bool) -> Iterator[Finding]:
     expression = timer.expression
     if (
@@ -49,6 +53,9 @@ def _timer(process: CheckedProcess, event: FlowNode, timer: TimerDefinition, han
             _PARSERS[timer.kind](expression.text)
         except ValueError as error:
             yield process.finding("error", f"timer {timer.kind}: {error}", event, expression.line)
+        if months := _MONTHS.search(expression.text.strip()):
+            text = f"P{months[1]}M is {months[1]} months: PT{months[1]}M is as many minutes"
+            yield process.finding("warning", text, event, expression.line)
     once = event.place == "catch" or (event.interrupting and (event.place == "boundary" or handler))
     if timer.kind == "cycle" and once:
         text = "fires only once, so only the first time of its cycle counts: use a duration"

@@ -15,11 +15,12 @@ from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
+from fame.bpmn.linked_forms import unfit_values
 from fame.bpmn.model import CallActivity, Process
 from fame.clock import SECOND, Kind, Scheduler
 from fame.engine import BpmnError, Engine, Instance, Program, compile_program
 from fame.engine.state import Wait
-from fame.errors import MessageError
+from fame.errors import MessageError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, MISSION, Middleware, Node, resolve
 from fame.robot.endpoints import Endpoints, direct_topic
@@ -276,10 +277,13 @@ class RobotNode:
     # ---- stimuli -----------------------------------------------------------------------------------------------------
 
     def complete(self, element: str, values: Mapping[str, Any] | None = None) -> bool:
-        """Complete a user, manual or receive task, and set variables. Raises MissionError if none waits there.
+        """Complete a user, manual or receive task, and set variables.
 
-        Returns whether its token goes on at once, not after a suspension.
+        Returns whether its token goes on at once, not after a suspension. Raises MissionError if no token waits there,
+        and for a value that its form does not take.
         """
+        if wrong := unfit_values(self.mission.flow_nodes(), element, values or {}):
+            raise MissionError(wrong, robot=self.name, element=element)
         goes_on = self.engine.complete_task(element, dict(values or {}))
         self.runner.poll()
         return goes_on

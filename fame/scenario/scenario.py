@@ -12,7 +12,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions
+from fame.bpmn.linked_forms import unfit_values
+from fame.bpmn.model import Definitions, FlowNode
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, of_error
 from fame.config.values import Source
@@ -89,7 +90,8 @@ class Scenario(Plan):
         world, cast = _assign(content, pools, robots, seed, str(path))
         _check_faults(faults, cast, str(path))
         wanted = [*content.completions, *((done, "") for done in completions)]
-        _check_completions(wanted, {robot: _tasks(folders, definitions, pool) for robot, pool in cast.items()}, content)
+        nodes = {robot: _tasks(folders, definitions, pool) for robot, pool in cast.items()}
+        _check_completions(wanted, nodes, content)
         joined = _joined(content, network, list(cast))
         values = _merged(content.variables, variables)
         cast, chosen = with_parameters(cast, definitions, folders, values, content.source)
@@ -270,16 +272,20 @@ def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -
             raise ConfigError(text, file=file)
 
 
-def _tasks(library: Library, definitions: Definitions, pool: Pool) -> list[str]:
-    """The ids of user, manual and receive tasks of a pool's process and all processes that it calls."""
-    nodes = (node for _, process in library.closure(definitions, pool.process) for node in process.body.walk())
-    return [node.id for node in nodes if node.tag in ("userTask", "manualTask", "receiveTask")]
+def _tasks(library: Library, definitions: Definitions, pool: Pool) -> list[tuple[Definitions, FlowNode]]:
+    """The user, manual and receive tasks of a pool's process and all processes that it calls, with their files."""
+    processes = library.closure(definitions, pool.process)
+    nodes = ((home, node) for home, process in processes for node in process.body.walk())
+    return [(home, node) for home, node in nodes if node.tag in ("userTask", "manualTask", "receiveTask")]
 
 
 def _check_completions(
-    wanted: Sequence[tuple[Completion, str]], tasks: Mapping[str, Sequence[str]], content: ScenarioFile
+    wanted: Sequence[tuple[Completion, str]],
+    nodes: Mapping[str, Sequence[tuple[Definitions, FlowNode]]],
+    content: ScenarioFile,
 ) -> None:
-    """Raise ConfigError for an unknown robot, and for an element that is not a task to complete."""
+    """Raise ConfigError for an unknown robot, an element that is not a task to complete, and values that do not fit."""
+    tasks = {robot: [node.id for _, node in found] for robot, found in nodes.items()}
     for done, place in wanted:
         if done.robot not in tasks:
             text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(tasks)}"
@@ -288,6 +294,8 @@ def _check_completions(
             known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
             text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; {known}"
             raise content.source.error(f"{place}.element" if place else "", text)
+        if wrong := unfit_values(nodes[done.robot], done.element, done.values):
+            raise content.source.error(f"{place}.values" if place else "", f"{done.element}: {wrong}")
 
 
 def _signals(

@@ -189,6 +189,15 @@ class Definitions:
         """Return the process with this id, None if the file does not have it."""
         return next((process for process in self.processes if process.id == id), None)
 
+    @property
+    def only_executable(self) -> Process | None:
+        """The only process, or of several the only one that is executable and not called by another; None without."""
+        found = [process for process in self.processes if process.executable or len(self.processes) == 1]
+        if len(found) > 1:
+            calls = [(process.id, getattr(node, "called", "")) for process in found for node in process.body.walk()]
+            found = [one for one in found if not any(called == one.id != caller for caller, called in calls)]
+        return found[0] if len(found) == 1 else None
+
     def elements(self) -> Iterator[Element]:
         """Yield all processes with their flow nodes, sequence flows and data objects, then pools, flows, artifacts."""
         for process in self.processes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -28,6 +30,36 @@ class FormField:
     pattern: str = ""
     options: tuple[tuple[Any, str], ...] = ()
     default: Any = None
+
+
+def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
+    """Return what is wrong with the first value that does not fit its field in a form; empty if all fit."""
+    for field in form:
+        if field.key in values and (right := _expected(field, values[field.key])):
+            return f"{field.key}: expected {right}, got {values[field.key]!r}"
+    return ""
+
+
+def _expected(field: FormField, value: Any) -> str:
+    """What a field expects, if this is not it. A field for text takes what can be written."""
+    least = -math.inf if field.least is None else field.least
+    most = math.inf if field.most is None else field.most
+    if value is None:
+        return "a value" if field.required else ""
+    if field.kind in ("select", "radio") and field.options and value not in (each for each, _ in field.options):
+        return f"one of {', '.join(str(each) for each, _ in field.options)}"
+    if field.kind == "checkbox" and not isinstance(value, bool):
+        return "true or false"
+    if field.kind in ("number", "integer"):
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if number and least <= value <= most and (field.kind == "number" or value == int(value)):
+            return ""
+        bounds = f" from {least:g} to {most:g}" if math.isfinite(most - least) else ""
+        return ("a number" if field.kind == "number" else "a whole number") + (
+            bounds or (f" of at least {least:g}" if math.isfinite(least) else "")
+            or (f" of at most {most:g}" if math.isfinite(most) else "")
+        )  # fmt: skip
+    return ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
