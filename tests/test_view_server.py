@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import select
 import socket
 import ssl
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing
 from datetime import datetime
 from http.client import HTTPConnection, HTTPSConnection
 from ipaddress import ip_address
@@ -18,7 +20,7 @@ from view_page import eventually
 
 from fame.bpmn.model import Human
 from fame.errors import ConfigError, FameError
-from fame.view import Server
+from fame.view import Server, server as page_server
 from fame.view.people import TAKE_OVER, Person
 
 
@@ -318,3 +320,40 @@ def test_the_page_of_a_person_says_who_it_is_for_and_the_other_one_names_nobody(
         assert "person" not in json.loads(ask(server, "/mission.json")[2])
         ask(server, "/control", "POST", body=json.dumps({**COMPLETE, "who": "somebody else"}))
     assert source.commands == [COMPLETE]
+
+
+# ---- connections that ask for nothing --------------------------------------------------------------------------------
+
+
+def closed(ends: list[socket.socket]) -> int:
+    """How many of some connections the server has closed."""
+    return sum(select.select([end], [], [], 0)[0] != [] for end in ends)
+
+
+def test_connections_without_a_request_keep_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_server, "WAITING", 5)
+    source = OneRobot()
+    with Server(source) as server, ExitStack() as opened:
+        ends = [opened.enter_context(socket.create_connection((server.host, server.port))) for _ in range(20)]
+        for end in ends[:10]:
+            end.sendall(b"GET / HTTP/1.1\r\nHost: ")
+        eventually(lambda: closed(ends) == 15)
+        with urlopen(server.address) as page:
+            assert page.status == 200
+        eventually(lambda: source.commands)
+        (told,) = source.commands
+        assert told["text"].startswith("a connection without a request refused")
+
+
+def test_a_connection_makes_its_request_in_time_or_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_server, "PATIENCE", 0.1)
+    with Server(OneRobot()) as server, socket.create_connection((server.host, server.port)) as idle:
+        asked = HTTPConnection(server.host, server.port)
+        with closing(asked):
+            asked.request("GET", f"/{server.token}/")
+            assert asked.getresponse().read()
+            eventually(lambda: closed([idle]) == 1)
+            asked.request("GET", f"/{server.token}/")
+            assert asked.getresponse().read()
+            asked.request("GET", "/")
+            assert asked.getresponse().getheader("Connection") == "close"

@@ -46,6 +46,12 @@ LONGEST = 1_000_000
 """Bytes of a command, at most."""
 RARE = 10.0
 """Seconds between two notes of refused requests in the logs of robots."""
+PATIENCE = 10.0
+"""Seconds in which a connection has to make its first request; then it is closed."""
+WAITING = 100
+"""Connections that have made no request yet, at most; of more the oldest ones are closed."""
+_BACKLOG = 64
+"""Connections that wait to be accepted: asyncio accepts as many at once, before it looks at any."""
 _WHO = 100
 """Characters of what somebody else wrote, at most."""
 _KINDS = {
@@ -142,8 +148,15 @@ class Server(Closing):
     def _made(self) -> uvicorn.Server:
         import uvicorn
 
+        refusals = _RefusalLog(self.source)
         config = uvicorn.Config(
-            self.app(), log_level="error", lifespan="off", ws="websockets-sansio", timeout_graceful_shutdown=1
+            self.app(refusals),
+            http=_bounded(refusals),
+            backlog=_BACKLOG,
+            log_level="error",
+            lifespan="off",
+            ws="websockets-sansio",
+            timeout_graceful_shutdown=1,
         )
         if self._tls is not None:
             config.ssl_certfile, config.ssl_keyfile = map(str, self._tls)
@@ -158,10 +171,10 @@ class Server(Closing):
         self._server.should_exit = True
         self._thread.join()
 
-    def app(self) -> ASGIApp:
+    def app(self, refusals: _RefusalLog | None = None) -> ASGIApp:
         """Return the application, behind its guard."""
         tokens = {self.token: None, **{person.token: person for person in self.people}}
-        refusals, scheme = _RefusalLog(self.source), "https" if self._tls else "http"
+        refusals, scheme = refusals or _RefusalLog(self.source), "https" if self._tls else "http"
         return _Guard(_routes(self.source, refusals), tokens, self.host, self.port, scheme, refusals)
 
 
@@ -184,7 +197,7 @@ def _bound(host: str, port: int) -> socket.socket:
         bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind((host, port))
-        bound.listen(64)  # who comes before `run` waits
+        bound.listen(_BACKLOG)  # who comes before `run` waits
     except OSError as error:
         if bound is not None:
             bound.close()
@@ -221,6 +234,46 @@ class _RefusalLog:
         for robot in self._source.mission().get("robots", ()):
             with suppress(Exception):  # of a page without control, or a robot that has left
                 self._source.control({**command, "robot": robot["name"]})
+
+
+def _bounded(refusals: _RefusalLog) -> type[asyncio.Protocol]:
+    """The HTTP protocol of a server that closes connections without a request: whoever opens many keeps nobody out."""
+    from uvicorn.protocols.http.auto import AutoHTTPProtocol
+
+    waiting: dict[Any, None] = {}  # the oldest first
+
+    def on_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        if isinstance(context.get("exception"), OSError):  # the process may not have more files: it accepts later
+            refusals.add("connections beyond what the process may have open", "somebody")
+        else:
+            loop.default_exception_handler(context)
+
+    class Bounded(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            self.loop.set_exception_handler(on_error)
+            waiting[self] = None
+            self.loop.call_later(PATIENCE, self.expire)
+            if len(waiting) > WAITING:
+                next(iter(waiting)).expire()
+
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            if self.cycle is not None or self.transport.get_protocol() is not self:  # a request, or a WebSocket
+                waiting.pop(self, None)
+
+        def connection_lost(self, error: Exception | None) -> None:
+            waiting.pop(self, None)
+            super().connection_lost(error)
+
+        def expire(self) -> None:
+            """Close the connection unless it has made a request."""
+            if self in waiting:
+                del waiting[self]
+                refusals.add("a connection without a request", str(self.client[0] if self.client else "somebody"))
+                self.transport.abort()
+
+    return Bounded
 
 
 class _Guard:
@@ -303,7 +356,9 @@ async def _refuse(scope: Scope, send: Send, status: int) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
     else:
-        await send({"type": "http.response.start", "status": status, "headers": _raw(_HEADERS)})
+        await send(
+            {"type": "http.response.start", "status": status, "headers": _raw({**_HEADERS, "Connection": "close"})}
+        )
         await send({"type": "http.response.body", "body": _REFUSALS[status].encode()})
 
 
