@@ -279,9 +279,11 @@ def write(definitions: Definitions, path: str | Path | None = None) -> bytes:
         raise ModelError("the model was changed after reading: change the file instead", file=definitions.file)
     if path is not None:
         try:
+            Path(path).parent.stat()  # no folder is made
             write_file(path, definitions.source)
-        except ConfigError as error:
-            raise ModelError(error.text, file=error.file) from None
+        except (OSError, ConfigError) as error:
+            text = error.text if isinstance(error, ConfigError) else f"cannot be written: {error.strerror}"
+            raise ModelError(text, file=str(path)) from None
     return definitions.source
 
 
