@@ -321,21 +321,27 @@ def test_damage_is_never_a_silent_fresh_start(field: Durable) -> None:
         field.start()
 
 
-def test_a_full_disk_holds_the_mission_until_there_is_room(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [(OSError(ENOSPC, "No space left on device"), "No space left on device"), (MemoryError(), "no memory is left")],
+)
+def test_a_full_disk_or_memory_holds_the_mission_until_there_is_room(
+    field: Durable, monkeypatch: pytest.MonkeyPatch, error: Exception, text: str
+) -> None:
     field.deploy(MISSION)
     heard: list[Any] = []
     field.person.subscription("/go", "std_msgs/msg/Empty", heard.append)
     journal = field.engine._keeper.recorder.journal
 
     def full(*arguments: Any) -> None:
-        raise OSError(28, "No space left on device")
+        raise error
 
     monkeypatch.setattr(journal, "append", full)
     monkeypatch.setattr(journal, "begin_segment", full)
     field.engine.running.deliver("/go", None)
     field.pass_time(3)
     assert heard == []
-    assert "holds: its state cannot be written: No space left on device" in field.notes
+    assert f"holds: its state cannot be written: {text}" in field.notes
     monkeypatch.undo()
     field.pass_time(2)
     assert len(heard) == 1

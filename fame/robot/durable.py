@@ -41,6 +41,8 @@ RECOVERED = "~/recovered"
 _ENDED = 10
 """Number of ended instances that are kept."""
 _RETRY_DISK = SECOND
+_UNWRITABLE = (OSError, MemoryError)
+"""Errors while a state is written that may pass: of the disk, and of what a record takes."""
 
 
 class _Request(NamedTuple):
@@ -134,7 +136,7 @@ class DurableRecorder:
             self._begins["timers"] = timers
         try:
             self.begin()
-        except OSError as error:
+        except _UNWRITABLE as error:
             self._fail(error)
         else:
             self._start_process()
@@ -167,7 +169,7 @@ class DurableRecorder:
                 self.journal.append(record)
             if batch:
                 self.journal.sync(partial(self._let_leave, batch))
-        except OSError as error:
+        except _UNWRITABLE as error:
             self._fail(error)
 
     def _close_batch(self) -> str:
@@ -276,7 +278,7 @@ class DurableRecorder:
         if self._recorded.pop(batch, None) is not None and not self._trouble:
             try:
                 self.journal.append({"time": self.now, **self._tables.drop("effects", batch)})
-            except OSError as error:
+            except _UNWRITABLE as error:
                 self._fail(error)
 
     def _report_unsent(self, effect: _Effect, error: FameError) -> None:
@@ -335,13 +337,13 @@ class DurableRecorder:
         """Report that the directory was removed, in which what is written would be lost."""
         try:
             self.journal.directory.touch()
-        except OSError as error:
+        except _UNWRITABLE as error:
             self._fail(error)
 
-    def _fail(self, error: OSError) -> None:
-        """Report that the disk cannot be written: nothing leaves until the whole state is written."""
+    def _fail(self, error: OSError | MemoryError) -> None:
+        """Report that the state cannot be written: nothing leaves until the whole of it is written."""
         if not self._trouble:
-            self._trouble = error.strerror or str(error)
+            self._trouble = "no memory is left" if isinstance(error, MemoryError) else error.strerror or str(error)
             self._on_trouble(self._trouble)
             self.node.scheduler.after(_RETRY_DISK, self._try_again, Kind.RESUMPTION)
 
@@ -351,7 +353,7 @@ class DurableRecorder:
         self._close_batch()
         try:
             self.begin()
-        except OSError:
+        except _UNWRITABLE:
             self.node.scheduler.after(_RETRY_DISK, self._try_again, Kind.RESUMPTION)
             return
         self._trouble = ""
@@ -401,7 +403,7 @@ class DurableRecorder:
         self._close_batch()
         try:
             self.begin()
-        except OSError as error:
+        except _UNWRITABLE as error:
             self._fail(error)
         for batch in list(self._leaving) if not self._trouble else ():
             self._let_leave(batch)
