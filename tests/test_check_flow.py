@@ -111,7 +111,7 @@ FORBIDDEN = {
     ),
     "a flow into an event sub-process": (
         row(script("x = 1")) + HANDLER + flows("t h"),
-        "error: t-h: leads into the event sub-process h: expected its start event alone to start it",
+        "error: t-h: leads into the event sub-process h: expected only its event to start it",
     ),
     "a flow out of an event sub-process": (
         row(script("x = 1")) + HANDLER + flows("h e"),

@@ -302,9 +302,7 @@ class ScopeCompiler:
         """Return the target node of a sequence flow: the port of a join, or the entry of an element."""
         entry = self.ports.get(flow.id) or self.entries.get(flow.target)
         if entry is None:
-            self.refuse(
-                f"leads into the event sub-process {flow.target}: expected its start event alone to start it", flow
-            )
+            self.refuse(f"leads into the event sub-process {flow.target}: expected only its event to start it", flow)
         if self.compiler.observed:
             passing = self.node(flow, steps.flow)
             passing.next, passing.entered = entry, (flow.id, "take", None)
