@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import random
 from typing import Any
 
 import pytest
 from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from fame.errors import MessageError
@@ -28,6 +30,11 @@ def by_rosbags(message: Any) -> bytes:
 
 def test_the_definitions_are_those_of_jazzy() -> None:
     assert {name: typesystem._of_jazzy()[name] for name in typesystem.BUILTIN} == typesystem.BUILTIN
+
+
+def test_the_table_of_jazzy_is_that_of_rosbags() -> None:
+    of_rosbags = get_typestore(Stores.ROS2_JAZZY).fielddefs
+    assert json.loads(typesystem._JAZZY.read_bytes()) == json.loads(json.dumps(of_rosbags))
 
 
 def test_the_hashes_are_those_of_the_definitions() -> None:

@@ -3,8 +3,8 @@
 The interfaces of Nav2 that missions use come with FAME (folder ``interfaces``, those of Jazzy). A sourced workspace
 that has the package wins, because interfaces differ between the releases of Nav2.
 
-There is one table for the process, as in ROS: it only grows, and a type in it never changes. It is filled from the type
-store of rosbags, which is imported when the first type is requested.
+There is one table for the process, as in ROS: it only grows, and a type in it never changes. It is read when the first
+type is requested.
 
 Importing rosbags and numpy and reading that table takes a third of the start-up of an engine, which needs them only for
 its first process. So the few types that every engine needs at once are defined here: that of texts, in which processes
@@ -14,6 +14,7 @@ and statuses are sent, and the one that announces nodes (`fame.middleware.dds.di
 from __future__ import annotations
 
 import difflib
+import json
 import os
 import re
 import threading
@@ -298,11 +299,15 @@ def _table() -> dict[str, Definition]:
     return _definitions
 
 
-def _of_jazzy() -> dict[str, Definition]:
-    from rosbags.typesys import Stores, get_typestore
+_JAZZY = Path(__file__).parent / "interfaces" / "jazzy.json"
+"""The types of Jazzy as rosbags has them, which makes thousands of functions of six releases when it is asked."""
 
-    messages = get_typestore(Stores.ROS2_JAZZY).fielddefs.items()
-    definitions = [from_rosbags(name, *entry, _DEFAULTS.get(name, {})) for name, entry in messages]
+
+def _of_jazzy() -> dict[str, Definition]:
+    messages = json.loads(_JAZZY.read_bytes()).items()
+    definitions = [
+        from_rosbags(name, constants, fields, _DEFAULTS.get(name, {})) for name, (constants, fields) in messages
+    ]
     for name, text in _SERVICES.items():
         definitions += from_text(text, name)
     return {content.name: content for content in definitions}
