@@ -133,6 +133,9 @@ def main() -> None:
         print(f"load {os.getloadavg()[0]:.1f}; {path.stat().st_size / 1e6:.1f} MB")
         browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
         page: Any = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.add_init_script(
+            "sessionStorage.setItem('fame-tab', 'diagram')"
+        )  # it opens on the team, which has no jumps
         begun = time.monotonic()
         source = opened.enter_context(Replay(path))
         server = opened.enter_context(Server(source))
