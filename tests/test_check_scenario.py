@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from check_drawing import BOOL, ROOT, catch, row, script, team
+from check_drawing import BOOL, ROOT, call, catch, data, row, script, team
 
 from fame.cli import main
 
@@ -73,3 +73,45 @@ def test_what_only_its_robots_refuse_is_an_error(tmp_path: Path, capsys: pytest.
 def test_an_example_has_no_errors_and_no_warnings(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(ROOT / "examples" / scenario)]) == 0
     assert "warning" not in capsys.readouterr().out
+
+
+TOPICS = script(
+    'robot.publish("lde", "std_msgs/msg/ColorRGBA", g=1.0)\nawait receive("range", "sensor_msgs/msg/Range")', "t"
+)
+
+
+@pytest.mark.parametrize(
+    ("type", "told"),
+    [
+        ("car", ["REX publishes on /REX/lde, which nothing here reads; did you mean led?"]),
+        ("drone", ["REX waits for /REX/range, which nothing here publishes; there are: battery_state, camera/weeds, "]),
+    ],
+)
+def test_topics_that_a_robot_of_the_world_does_not_have_are_told(
+    type: str, told: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, lines = found(tmp_path, capsys, GOOD.replace("car", type), row(TOPICS))
+    texts = [line.partition("s.yaml: warning: ")[2] for line in lines if "warning: REX" in line]
+    assert (code, len(texts)) == (0, len(told))
+    assert [text[: len(each)] for text, each in zip(texts, told, strict=True)] == told
+
+
+INPUT = (
+    '<property id="p"/><dataInputAssociation id="i"><sourceRef>goal</sourceRef><targetRef>p</targetRef>'
+    "</dataInputAssociation>"
+)
+
+
+@pytest.mark.parametrize(
+    ("x", "where"),
+    [("45", "outside the ground (x -0.05 to 4.05 m, y -0.05 to 4.05 m)"), ("2.5", "inside an obstacle"), ("3.5", "")],
+)
+def test_a_constant_goal_is_where_a_robot_can_be(
+    x: str, where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rock = GOOD.replace("robots:", "obstacles: [{name: rock, at: [2.5, 1], radius: 0.4}], robots:")
+    content = data("goal", x_goal=x, y_goal="1.0") + row(call("g", "GoTo", INPUT))
+    _, lines = found(tmp_path, capsys, rock, content)
+    assert [line.partition("warning: ")[2] for line in lines if "is sent to" in line] == (
+        [f"g: REX is sent to x={x} y=1, {where}"] if where else []
+    )

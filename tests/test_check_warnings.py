@@ -121,6 +121,13 @@ WARNINGS = {
         row(script("x = 1")) + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t"') + flows("w e"),
         "w: fires only once, so only the first time of its cycle counts: use a duration",
     ),
+    "an answer that a constant replaces": (
+        data("d", bags="4")
+        + row('<userTask id="ask"><extensionElements><camunda:formData><camunda:formField id="bags" type="long"/>'
+              '</camunda:formData></extensionElements><dataOutputAssociation id="o"><targetRef>d</targetRef>'
+              "</dataOutputAssociation></userTask>"),
+        "d: its value 4 of bags replaces the answer of ask: leave it empty",
+    ),
     "months that may be meant as minutes": (
         row(timer("intermediateCatchEvent", "timeDuration", "P5M")),
         "w: P5M is 5 months: PT5M is as many minutes",

@@ -120,7 +120,8 @@ def test_the_log_is_whole_when_the_mission_fails(tmp_path: Path, capsys) -> None
     model, log = tmp_path / "fails.bpmn", tmp_path / "run.jsonl"
     model.write_text(ENDS.replace("await sleep(2)", "raise BpmnError('blocked')"))
     assert main(["run", str(model), "--log", str(log)]) == 1
-    *_, end, why = map(json.loads, log.read_text().splitlines())
+    *_, end, why, last = map(json.loads, log.read_text().splitlines())
+    assert (last["what"], last["detail"]) == ("ended", "complete")
     assert (end["what"], end["detail"]) == ("end", "failed")
     assert (why["what"], why["element"], why["detail"]) == ("report", "t", "error blocked was not caught")
     assert "blocked" in capsys.readouterr().err
@@ -295,6 +296,20 @@ def test_an_uncaught_error_of_a_called_process_says_where_it_was_called(tmp_path
     assert main(["run", str(mission)]) == 1
     line = next(number for number, text in enumerate(mission.read_text().splitlines(), 1) if "<callActivity" in text)
     assert capsys.readouterr().err.endswith(f"name 'x_goal' is not defined; called at c ({mission}:{line})\n")
+
+
+def test_an_uncaught_error_is_a_line_of_its_time_and_a_model_alone_is_told_that_it_has_no_world(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """GoTo gets no plan where no robot is."""
+    goal = '<scriptTask id="g"><script>x_goal, y_goal = 5.0, 5.0</script></scriptTask>'
+    flows = "".join(f'<sequenceFlow id="{a}-{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ("sg", "gc"))
+    mission = tmp_path / "alone.bpmn"
+    mission.write_text(process(f'<startEvent id="s"/>{goal}<callActivity id="c" calledElement="GoTo"/>{flows}'))
+    assert main(["run", str(mission)]) == 1
+    first, last = capsys.readouterr().err.splitlines()
+    assert first.startswith("   30.0 s   P: ")
+    assert last.endswith("; a model alone has no world: a scenario has one")
 
 
 def test_a_robot_that_never_started_says_what_it_waits_for(tmp_path: Path, capsys) -> None:

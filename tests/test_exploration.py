@@ -1,5 +1,6 @@
 """Explorations of collaborations whose verdicts are known."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,13 @@ def test_what_robots_throw_at_their_start_arrives_before_all_that_follows_from_i
     (one,) = (one for one in result.findings if one.kind == "deadlock")
     assert [place.element for place in one.places] == ["A_catch_a_10"]
     assert [judged.verdict for judged in result.properties] == ["refuted"]
+
+
+def test_what_a_step_throws_many_times_is_told_once() -> None:
+    result = found({"A": ["work", ("beside", ["throw a", "work"], "a", ["throw a"])]}, delivery="run")
+    (text,) = (one.run[-1].text for one in result.findings if one.kind == "error")
+    assert re.search(r"throws /a, \d+,\d{3} times; ", text)
+    assert len(text) < 200
 
 
 def test_a_queue_removes_the_loss() -> None:

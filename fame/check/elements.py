@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections import Counter
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 
 from fame.bpmn.extension_properties import (
@@ -27,6 +27,7 @@ from fame.bpmn.model import (
     Definitions,
     Element,
     FlowNode,
+    Task,
     TimerDefinition,
 )
 from fame.bpmn.pools import pools_of
@@ -160,6 +161,7 @@ def check_data_objects(scope: CheckScope) -> Iterator[Finding]:
                 yield from _commas(process, item)
             for node in body.nodes:
                 if isinstance(node, Activity):
+                    yield from _overwritten(process, node, objects)
                     for id in node.data_outputs:
                         if id in objects and id not in used:
                             yield from _reversed(process, node, objects[id])
@@ -171,6 +173,17 @@ def _commas(process: CheckedProcess, item: DataObject) -> Iterator[Finding]:
         if _COMMA.fullmatch(text):
             right = text.replace(",", ".")
             yield process.finding("warning", f"{name}: expected the number {right}, got the text {text!r}", item)
+
+
+def _overwritten(process: CheckedProcess, task: Activity, objects: Mapping[str, DataObject]) -> Iterator[Finding]:
+    """Answers of a form that a constant of a data object replaces as soon as they are given."""
+    fields = {field.key for field in task.human.form} if isinstance(task, Task) else set()
+    for item in (objects[id] for id in task.data_outputs if fields and id in objects):
+        for name, value in item.values:
+            if name in fields and value.text.strip() and not _COMPUTED.search(value.text):
+                text = f"its value {value.text.strip()} of {name} replaces the answer of {task.display_name}"
+                text += ": leave it empty"
+                yield process.finding("warning", text, item)
 
 
 def _reversed(process: CheckedProcess, activity: Activity, item: DataObject) -> Iterator[Finding]:

@@ -131,7 +131,7 @@ class Result:
         """One line for each error and waiting token, and for what is wrong in the world (`_world_messages`)."""
         alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
         errors = (error for robot in self.robots for error in robot.errors)
-        lines = [*self.problems, *(f"{error}{alone if comes_with_fame(error.file) else ''}" for error in errors)]
+        lines = [*self.problems, *(f"{error}{alone if _needs_world(error) else ''}" for error in errors)]
         if self.status == "timeout" or (self.status == "failed" and self.ending):
             lines.append(f"{self.ending} after {self.simulated:g} simulated seconds{alone}")
         if self.status != "completed":
@@ -204,6 +204,11 @@ class Result:
         lines = [line("th", HEADS), *(line("td", robot.row) for robot in self.robots)]
         messages = [f"<p>{escape(message)}</p>" for message in self.messages]
         return "\n".join(["<table>", caption, *lines, "</table>", *messages])
+
+
+def _needs_world(error: MissionError) -> bool:
+    """Whether a behaviour of FAME's library failed, by no mistake in a script: perhaps no robot is there."""
+    return error.code != "script" and comes_with_fame(error.file)
 
 
 def _world_messages(world: Mapping[str, Any]) -> Iterator[str]:

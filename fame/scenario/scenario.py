@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import difflib
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from numbers import Integral, Real
@@ -13,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.linked_forms import unfit_values
-from fame.bpmn.model import Definitions, FlowNode
+from fame.bpmn.model import CallActivity, Definitions, FlowNode
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, of_error
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
 from fame.middleware.interface import resolve
+from fame.monitor.services import SERVICES
 from fame.robot import Event, make_mission
 from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result
@@ -356,6 +359,8 @@ def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool 
     try:
         run = Run(Scenario.load(path, library=library), False, None, None, strict=strict)
         never = list(run.judging.never_judged()) if run.judging is not None else []
+        unmatched = [Finding("warning", text, str(path)) for text in _unmatched_topics(run)]
+        unmatched += _unreachable_goals(run)
         run.close()
     except (ConfigError, ModelError) as error:
         return [of_error(error)]
@@ -366,7 +371,53 @@ def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool 
     return [
         Finding("warning", f"can never be judged: {why}", one.spec.place.file, one.spec.place.line, one.spec.name)
         for one, why in never
-    ]
+    ] + unmatched
+
+
+def _unmatched_topics(run: Run) -> Iterator[str]:
+    """Yield what robots of the world wait for although their type does not have it, and names that may be mistyped."""
+    outside = {sent.topic for sent in run.scenario.signals}
+    graph = [info for info in run.middleware.graph() if "/bpmn_" not in info.name and info.name not in outside]
+    bodies: Collection[str] = run.world.robots if run.world is not None else ()
+    for node in (one for one in run.nodes if one.name in bodies):
+        if any(each.operation in SERVICES for _, each in node.mission.flow_nodes()):
+            continue  # what a pipeline publishes is not known here
+        engine, prefix = node.node.full_name, f"/{node.namespace}/"
+        own = {info.name.removeprefix(prefix): info for info in graph if info.name.startswith(prefix)}
+        there = ", ".join(name for name, info in own.items() if info.publishers)
+        taken = [name for name, info in own.items() if info.subscribers]
+        for name, info in own.items():
+            if not info.publishers and engine in info.subscribers:
+                yield f"{node.name} waits for {info.name}, which nothing here publishes; there are: {there}"
+            elif not info.subscribers and set(info.publishers) == {engine}:
+                for similar in difflib.get_close_matches(name, taken, 1):
+                    yield f"{node.name} publishes on {info.name}, which nothing here reads; did you mean {similar}?"
+
+
+def _unreachable_goals(run: Run) -> Iterator[Finding]:
+    """Find constant goals of calls outside the ground of the world, or inside an obstacle."""
+    if run.scenario.world is None or run.world is None:
+        return
+    from sim2d.grid import rasterise
+
+    world = run.scenario.world
+    grid = rasterise(world.bounds, [thing.shape for thing in world.obstacles], world.resolution)
+    for node in (one for one in run.nodes if one.name in run.world.robots):
+        for home, process in node.mission.processes():
+            for body in (process.body, *(inner.body for inner in process.body.walk() if inner.body is not None)):
+                objects = {one.id: one for one in body.data_objects}
+                for call in (one for one in body.nodes if isinstance(one, CallActivity)):
+                    given = [pair for id in call.data_inputs if id in objects for pair in objects[id].values]
+                    texts = {name: value.text for name, value in given}
+                    try:
+                        x, y = float(texts["x_goal"]), float(texts["y_goal"])
+                    except (KeyError, ValueError):
+                        continue
+                    row, column = grid.cell((x, y)) if math.isfinite(x + y) else (-1, -1)
+                    where = f"outside the ground ({grid.extent})" if not grid.has(row, column) else "inside an obstacle"
+                    if not grid.has(row, column) or grid.occupied[row, column]:
+                        text = f"{node.name} is sent to x={x:g} y={y:g}, {where}"
+                        yield Finding("warning", text, home.file, call.line, call.id)
 
 
 def _merged(
