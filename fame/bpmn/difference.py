@@ -72,7 +72,7 @@ def _inside(body: Body, owner: str) -> Iterator[tuple[str, Element]]:
 def _change(before: tuple[Element, str] | None, now: tuple[Element, str]) -> ElementChange | None:
     if before is None:
         return _made("added", None, now[0])
-    what = list(Comparison().fields(before[0], now[0]))
+    what = list(ElementComparison().fields(before[0], now[0]))
     if before[1] != now[1]:
         what.append("the sub-process that it is in")
     if type(before[0]) is not type(now[0]):
@@ -96,7 +96,7 @@ def _texts(element: Element | None) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ElementComparison:
     """Whether values of the model mean the same.
 
     ids      old id -> new id, of those that may have changed

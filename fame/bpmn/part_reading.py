@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
 
-from fame.bpmn.difference import Comparison, elements_of
+from fame.bpmn.difference import ElementComparison, elements_of
 from fame.bpmn.linked_forms import form_of, linked_form
 from fame.bpmn.model import CallActivity, Definitions, Element, Human, Process, Topic
 from fame.bpmn.topics import TTL
@@ -50,7 +50,7 @@ class Original:
 
 def assert_same_reading(part: Definitions, original: Original) -> None:
     """Raise ModelError for the first element that reads differently in a part."""
-    comparison = Comparison(original.ids, original.expected, ("executable",))
+    comparison = ElementComparison(original.ids, original.expected, ("executable",))
     for process in original.processes:
         copy = part.process(original.ids[process.id])
         pairs = zip_longest(
@@ -62,7 +62,7 @@ def assert_same_reading(part: Definitions, original: Original) -> None:
                 raise ModelError.at(before[1], text, file=original.file.file)
 
 
-def _problems(before: tuple[str, Element], now: tuple[str, Element], comparison: Comparison) -> Iterator[str]:
+def _problems(before: tuple[str, Element], now: tuple[str, Element], comparison: ElementComparison) -> Iterator[str]:
     (inner, old), (there, new), ids = before, now, comparison.ids
     if type(old) is not type(new) or new.id not in (old.id, ids.get(old.id)) or there not in (inner, ids.get(inner)):
         yield f"{new.display_name} is in its place"

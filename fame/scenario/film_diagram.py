@@ -39,7 +39,7 @@ _GLIDE = 0.25
 _NARROWER = 0.86
 """The width of the diagram's font relative to that of the film's."""
 
-Box = tuple[float, float, float, float]
+Rectangle = tuple[float, float, float, float]
 
 
 @dataclass(slots=True)
@@ -185,7 +185,7 @@ class DiagramFilm:
             draw.text((16, top + CAPTION / 2), text, fill=self._colours[robot], font=plain_font(15), anchor="lm")
 
 
-def _scaled(box: Box, scale: float) -> Box:
+def _scaled(box: Rectangle, scale: float) -> Rectangle:
     x, y, width, height = box
     return x * scale, y * scale, width * scale, height * scale
 

@@ -46,7 +46,7 @@ def check_film(path: Path, endings: Sequence[str] = (*FILMS, PICTURE), show: Sho
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class FilmedRun:
     """What a recording shows of a run: its world (None: it has none), captions, events, and the model of the team."""
 
     world: WorldRecord | None
@@ -56,7 +56,7 @@ class Run:
     end: float
 
 
-def read_run(source: str | Path) -> Run:
+def read_run(source: str | Path) -> FilmedRun:
     """Read a recording for its film. Raises ConfigError for one that cannot be read."""
     from sim2d.record import read_record
 
@@ -74,7 +74,7 @@ def read_run(source: str | Path) -> Run:
             captions.add(event)
         drawn = [file for file in models if file.shapes and not cast.keys().isdisjoint(last.robots)]
         model = next((file for file in drawn if any(one in cast.values() for one in file.processes)), None)
-        return Run(record if record.times else None, captions.labels, events, model, recording.end / SECOND)
+        return FilmedRun(record if record.times else None, captions.labels, events, model, recording.end / SECOND)
 
 
 def draw_film(
@@ -113,7 +113,7 @@ def draw_film(
 
 
 def _draw_diagram(
-    run: Run,
+    run: FilmedRun,
     model: Definitions,
     target: Path,
     title: str,
@@ -138,7 +138,7 @@ def _draw_diagram(
     write_film(frames, target, len(times), FPS, progress)
 
 
-def _colours(run: Run) -> Mapping[str, str]:
+def _colours(run: FilmedRun) -> Mapping[str, str]:
     """The colour of each robot, as the world and its captions have them: bodies first, then computers."""
     from sim2d.style import robot_colour
 
