@@ -243,6 +243,7 @@ class EngineNode:
         mission = progress(self.running)
         lost = self._lost_ends.texts(protocol.running, self.robot, self.scheduler.now, self.middleware.graph)
         waits = mission.get("instances") or mission.get("waits")
+        still_running = self.running.runner.cancelled.texts() if self.running is not None else ()
         return {
             "state": self.state,
             "hash": self.hash,
@@ -250,16 +251,11 @@ class EngineNode:
             "sequence": protocol.newest[0],
             "candidate": protocol.candidate.envelope.deployment if protocol.candidate is not None else "",
             "absent": self._absences.seen(team, self.scheduler.now, lambda: engines(self.middleware)),
-            "warnings": [*(lost if waits else ()), *self._still_running, *self.warn.lines()],
+            "warnings": [*(lost if waits else ()), *still_running, *self.warn.lines()],
             "now": self._time.now / SECOND,
             **mission,
             **({"error": self._why_suspended} if self._why_suspended else {}),
         }
-
-    @property
-    def _still_running(self) -> list[str]:
-        """What is to be said of cancelled goals that have not ended."""
-        return self.running.runner.cancelled.texts() if self.running is not None else []
 
     def _on_refusal(self, reason: str, deployment: str, cause: str) -> None:
         if not deployment:

@@ -121,8 +121,7 @@ class TaskServer:
         now: Callable[[], float],
     ) -> None:
         self._running, self._report, self._check, self._now = running, report, check, now
-        self._answers: dict[str, tuple[str, str]] = {}
-        self._kept: dict[str, float] = {}  # id of each request with an answer, the oldest first -> until when it stays
+        self._answers: dict[str, tuple[str, str, float]] = {}  # the oldest first, and until when each stays
         self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
         self._end.max_size = SIZE
         self._end.on_dropped = lambda warning: report("refused", "", str(warning), cause=warning.kind)
@@ -142,18 +141,12 @@ class TaskServer:
         except Exception as error:  # no message ends an engine
             self._report("refused", id, unexpected(error), cause="error")
             return
-        if request.id not in self._answers:
-            self._answers[request.id] = self._act(request, signer)
-        self._keep(request.id, signed=bool(signer))
-        answer, reason = self._answers[request.id]
+        now = self._now()
+        answer, reason, until = self._answers.get(request.id) or (*self._act(request, signer), 0.0)
+        self._answers[request.id] = answer, reason, now + _REPLAYED if signer else until
+        for old in [id for id, (*_, until) in self._answers.items() if until <= now][:-_ANSWERS]:
+            del self._answers[old]
         self._report(answer, request.id, reason)
-
-    def _keep(self, id: str, *, signed: bool) -> None:
-        """Keep an answer as long as the request may be repeated, and forget others."""
-        now, until = self._now(), self._kept.get(id, 0.0)
-        self._kept[id] = max(until, now + _REPLAYED) if signed else until
-        for old in [one for one, until in self._kept.items() if until <= now][:-_ANSWERS]:
-            del self._kept[old], self._answers[old]
 
     def _act(self, request: TaskRequest, signer: str) -> tuple[str, str]:
         node = self._running()

@@ -7,7 +7,7 @@ that has not ended `BOUND` later, is reported, once, and again when it has ended
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
@@ -23,8 +23,8 @@ class _Cancelled:
 
     client: ActionClient
     goal: Goal
-    late: Entry | None = None
-    told: bool = False
+    told: bool
+    late: Entry = field(init=False)
 
     @property
     def text(self) -> str:
@@ -69,38 +69,33 @@ class CancelledGoals:
 
     def texts(self) -> list[str]:
         """Return what is reported now."""
-        return list(dict.fromkeys(one.text for one in self._goals.values() if one.text))
+        return list(dict.fromkeys(filter(None, [one.text for one in tuple(self._goals.values())])))
 
     def close(self) -> None:
         """Follow them no longer."""
         for one in self._goals.values():
-            if one.late is not None:
-                one.late.cancel()
+            one.late.cancel()
         self._goals.clear()
 
     def _add(self, client: ActionClient, goal: Goal, *, told: bool) -> None:
-        one = self._goals[goal.id] = _Cancelled(client, goal, told=told)
-        client.on_cancelled = self._on_change
-        if not told:
-            one.late = self._scheduler.after(round(BOUND * SECOND), partial(self._tell, one), Kind.TIMER)
+        one = _Cancelled(client, goal, told=told)
+        one.late = self._scheduler.after(round(BOUND * SECOND), partial(self._tell, one), Kind.TIMER)
+        self._goals[goal.id], client.on_cancelled = one, self._on_change
 
     def _on_change(self, goal: Goal) -> None:
         """A server refuses to cancel a goal, or it has ended."""
-        one = self._goals.get(goal.id)
-        if one is None:
+        if (one := self._goals.get(goal.id)) is None:
             return
         if one.client.cancelled.get(goal.id) is goal:
             self._tell(one)
             return
         del self._goals[goal.id]
-        if one.late is not None:
-            one.late.cancel()
+        one.late.cancel()
         if one.told:
             self._report(f"{one.client.name}: the cancelled goal has ended")
 
     def _tell(self, one: _Cancelled) -> None:
-        if one.late is not None:
-            one.late.cancel()
+        one.late.cancel()
         if not one.told:
             one.told = True
             self._report(one.text)
