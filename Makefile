@@ -13,7 +13,7 @@
 # make test-python   the fast tests with another Python: VERSION=3.14; .ci/python finds it, or downloads it from Debian
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
-# The last five end with an error if a test is skipped. What fails in processes is repeated once, alone (.ci/stage.py).
+# From test-processes on, tests end with an error if one is skipped. What fails in processes is repeated once, alone (.ci/stage.py).
 # PYTEST has further options for pytest, such as PYTEST=--last-failed.
 # Everything is installed into a virtual environment of its own on first use. PYTHON names another interpreter.
 
