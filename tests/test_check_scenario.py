@@ -83,7 +83,7 @@ TOPICS = script(
 @pytest.mark.parametrize(
     ("type", "told"),
     [
-        ("car", ["REX publishes on /REX/lde, which nothing here reads; did you mean led?"]),
+        ("car", ["REX publishes on /REX/lde, which has no subscriber; did you mean /REX/led?"]),
         ("drone", ["REX waits for /REX/range, which nothing here publishes; there are: battery_state, camera/weeds, "]),
     ],
 )

@@ -451,9 +451,13 @@ def test_an_event_log_of_another_tool_is_judged_by_the_names_of_its_columns(
         ("holds", 1.0),
         ("not known", None),
     ]
+    strange = '<event><string key="activity" value="other"/><string key="org:resource" value="B"/></event></trace>'
+    log.write_text(FOREIGN.replace("</trace>", strange))
+    assert main(["log", "judge", str(properties), str(log), "--columns", "element=activity"]) == 3
+    assert "the log does not have all of B" in capsys.readouterr().out
     for words, text in (
         ([], "is not a log as fame log convert writes it; --columns maps the names of another one"),
-        (["--columns", "element=task"], "'task' names no element of"),
+        (["--columns", "element=task"], "'org:resource' names no robot, or 'task' no element of"),
         (["--columns", "colour=red"], "--columns: unknown key 'colour'; keys are: robot, element, transition, time"),
     ):
         assert main(["log", "judge", str(properties), str(log), *words]) == 2

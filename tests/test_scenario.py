@@ -413,7 +413,7 @@ BOUNDS = '<camunda:validation><camunda:constraint name="min" config="1"/></camun
     [
         ('<camunda:formField id="bags" type="long"/>', [2, 2.0, None], ["two", 2.5, True, math.nan], "a whole number"),
         ('<camunda:formField id="bags" type="double"/>', [2.5], ["two", math.inf], "a number"),
-        (f'<camunda:formField id="bags" type="long">{BOUNDS}</camunda:formField>', [1], [0], "a whole number of at le"),
+        (f'<camunda:formField id="bags" type="long">{BOUNDS}</camunda:formField>', [1], [0], "a whole number from 1"),
         ('<camunda:formField id="bags" type="boolean"/>', [True], ["yes", 1], "true or false"),
         ('<camunda:formField id="bags" type="string"/>', ["two", 2], [], ""),
         ('<camunda:formField id="bags" type="enum"><camunda:value id="a" name="A"/></camunda:formField>', ["a"], ["b"],

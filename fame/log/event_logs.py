@@ -194,14 +194,14 @@ def _read_foreign_xes(path: Path, model: Definitions, columns: Mapping[str, str]
     named = {**COLUMNS, **columns}
     places = {name: one.id for process in model.processes for one in process.body.walk()
               for name in (one.id, one.name) if name}  # fmt: skip
-    rows, missed = list[dict[str, Any]](), Counter[str]()
+    rows, partly = list[dict[str, Any]](), set[str]()
     for number, trace in enumerate(ElementTree.parse(path).getroot().findall("{*}trace")):
         values, under_way = _values(trace), Counter[str]()
         for event in map(_values, trace.findall("{*}event")):
             robot, said = (event.get(named[key]) or values.get(named[key], "") for key in ("robot", "element"))
             what = _WHAT.get(event.get(named["transition"], "complete").lower(), "")
-            missed.update([key for key, value in (("robot", robot), ("element", places.get(said))) if not value])
             if not (robot and said in places and what):
+                partly |= {robot} if said not in places else set()  # under another name, perhaps
                 continue
             place = robot, str(number), places[said]
             if what == "leave" and not under_way[said]:
@@ -210,12 +210,11 @@ def _read_foreign_xes(path: Path, model: Definitions, columns: Mapping[str, str]
                 under_way[said] += 1 if what == "enter" else -1
             rows.append(_row(event[named["time"]], *place, what))
     if not rows:
-        key = missed.most_common(1)[0][0] if missed else "element"
-        text = f"{named[key]!r} names no {key} of {model.file}: --columns {key}=NAME says which attribute does"
+        text = f"{named['robot']!r} names no robot, or {named['element']!r} no element of {model.file}: see --columns"
         raise ConfigError(text, file=str(path))
     processes = _by_pool(model, dict.fromkeys(row["robot"] for row in rows))
     return RecordedEvents(
-        _timed(rows), processes, False, lacks=_lacks_of_xes(model), reordered=_timed(rows[::-1]),
+        _timed(rows), processes, False, frozenset(partly), lacks=_lacks_of_xes(model), reordered=_timed(rows[::-1]),
         has_order=lambda rows: _traces(rows) < 2,
     )  # fmt: skip
 

@@ -115,7 +115,7 @@ def _judged_rows(
     judge = Judge(monitors)
     last = max((row["time"] for row in rows), default=0)
     for robot in sorted(log.partly):
-        judge.lose(robot, f"the log does not have the beginning of {robot}")
+        judge.lose(robot, f"the log does not have all of {robot}")
     for robot in sorted(missing):
         judge.lose(robot, f"nothing of {robot} is in the log")
     at_end = [row for row in rows if row["time"] == last]

@@ -149,19 +149,11 @@ class _Distances:
 
 
 class _Variables:
-    """The variables of a robot as attributes, for expressions such as ``REX.x_target``."""
+    """The variables of a robot as attributes, for expressions such as ``REX.x_target``; none that was not measured."""
 
     def __init__(self, variables: Mapping[str, Any]) -> None:
-        self._variables = variables
-
-    def __getattr__(self, name: str) -> Any:
-        """Return a variable. Raises ValueError for one that was not measured: no comparison with it means anything."""
-        if name not in self._variables:
-            raise AttributeError(name)
-        value = self._variables[name]
-        if value is not None and measured(value) is None:
-            raise ValueError(f"{name} was not measured")
-        return value
+        known = {name: value for name, value in variables.items() if value is None or measured(value) is not None}
+        self.__dict__.update(known)
 
 
 def _measured(text: str, variables: Mapping[str, _Variables]) -> Any:

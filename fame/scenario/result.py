@@ -310,10 +310,10 @@ def _wait(robot: str, fields: Mapping[str, Any]) -> WaitingToken:
     return WaitingToken(robot, element, text, since, fields.get("topics", {}), place, suspended)
 
 
-def mistyped_topics(graph: Iterable[TopicInfo]) -> Iterator[tuple[str, str]]:
+def mistyped_topics(graph: Iterable[TopicInfo], alike: float = 0.85) -> Iterator[tuple[str, str]]:
     """Yield the full name of each node that publishes a probably mistyped topic, and a message about it.
 
-    Names are compared within a namespace.
+    Names are compared within a namespace; they are alike from that ratio of `difflib` on.
     """
     subscribed: dict[str, dict[str, str]] = defaultdict(dict)
     unsubscribed: list[TopicInfo] = []
@@ -325,7 +325,7 @@ def mistyped_topics(graph: Iterable[TopicInfo]) -> Iterator[tuple[str, str]]:
             unsubscribed.append(info)
     for info in unsubscribed:
         namespace, _, name = info.name.rpartition("/")
-        for similar in difflib.get_close_matches(name.lower(), subscribed[namespace], 1, 0.85):
+        for similar in difflib.get_close_matches(name.lower(), subscribed[namespace], 1, alike):
             for node in dict.fromkeys(info.publishers):
                 right = f"{namespace}/{subscribed[namespace][similar]}"
                 yield node, f"publishes on {info.name}, which has no subscriber; did you mean {right}?"

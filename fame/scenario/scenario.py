@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
-import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from numbers import Integral, Real
@@ -24,7 +23,7 @@ from fame.middleware.interface import resolve
 from fame.monitor.services import SERVICES
 from fame.robot import Event, make_mission
 from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioFile, read_scenario
-from fame.scenario.result import Progress, Result
+from fame.scenario.result import Progress, Result, mistyped_topics
 from fame.scenario.run import Pace, Run
 from fame.scenario.settings import check_network, with_parameters
 from fame.text import suggestion
@@ -385,13 +384,10 @@ def _unmatched_topics(run: Run) -> Iterator[str]:
         engine, prefix = node.node.full_name, f"/{node.namespace}/"
         own = {info.name.removeprefix(prefix): info for info in graph if info.name.startswith(prefix)}
         there = ", ".join(name for name, info in own.items() if info.publishers)
-        taken = [name for name, info in own.items() if info.subscribers]
-        for name, info in own.items():
+        for info in own.values():
             if not info.publishers and engine in info.subscribers:
                 yield f"{node.name} waits for {info.name}, which nothing here publishes; there are: {there}"
-            elif not info.subscribers and set(info.publishers) == {engine}:
-                for similar in difflib.get_close_matches(name, taken, 1):
-                    yield f"{node.name} publishes on {info.name}, which nothing here reads; did you mean {similar}?"
+        yield from (f"{node.name} {text}" for end, text in mistyped_topics(own.values(), 0.6) if end == engine)
 
 
 def _unreachable_goals(run: Run) -> Iterator[Finding]:
@@ -404,18 +400,15 @@ def _unreachable_goals(run: Run) -> Iterator[Finding]:
     grid = rasterise(world.bounds, [thing.shape for thing in world.obstacles], world.resolution)
     for node in (one for one in run.nodes if one.name in run.world.robots):
         for home, process in node.mission.processes():
-            for body in (process.body, *(inner.body for inner in process.body.walk() if inner.body is not None)):
-                objects = {one.id: one for one in body.data_objects}
-                for call in (one for one in body.nodes if isinstance(one, CallActivity)):
-                    given = [pair for id in call.data_inputs if id in objects for pair in objects[id].values]
-                    texts = {name: value.text for name, value in given}
-                    try:
-                        x, y = float(texts["x_goal"]), float(texts["y_goal"])
-                    except (KeyError, ValueError):
-                        continue
-                    row, column = grid.cell((x, y)) if math.isfinite(x + y) else (-1, -1)
-                    where = f"outside the ground ({grid.extent})" if not grid.has(row, column) else "inside an obstacle"
-                    if not grid.has(row, column) or grid.occupied[row, column]:
+            bodies = (process.body, *(inner.body for inner in process.body.walk() if inner.body is not None))
+            objects = {one.id: dict(one.values) for body in bodies for one in body.data_objects}
+            for call in (one for one in process.body.walk() if isinstance(one, CallActivity)):
+                given = {name: value.text for id in call.data_inputs for name, value in objects.get(id, {}).items()}
+                with suppress(KeyError, ValueError, OverflowError):  # not constant
+                    x, y = float(given["x_goal"]), float(given["y_goal"])
+                    cell = grid.cell((x, y))
+                    where = "inside an obstacle" if grid.has(*cell) else f"outside the ground ({grid.extent})"
+                    if not grid.has(*cell) or grid.occupied[cell]:
                         text = f"{node.name} is sent to x={x:g} y={y:g}, {where}"
                         yield Finding("warning", text, home.file, call.line, call.id)
 

@@ -42,8 +42,6 @@ def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
 
 def _expected(field: FormField, value: Any) -> str:
     """What a field expects, if this is not it. A field for text takes what can be written."""
-    least = -math.inf if field.least is None else field.least
-    most = math.inf if field.most is None else field.most
     if value is None:
         return "a value" if field.required else ""
     if field.kind in ("select", "radio") and field.options and value not in (each for each, _ in field.options):
@@ -51,14 +49,12 @@ def _expected(field: FormField, value: Any) -> str:
     if field.kind == "checkbox" and not isinstance(value, bool):
         return "true or false"
     if field.kind in ("number", "integer"):
-        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        if number and least <= value <= most and (field.kind == "number" or value == int(value)):
-            return ""
-        bounds = f" from {least:g} to {most:g}" if math.isfinite(most - least) else ""
-        return ("a number" if field.kind == "number" else "a whole number") + (
-            bounds or (f" of at least {least:g}" if math.isfinite(least) else "")
-            or (f" of at most {most:g}" if math.isfinite(most) else "")
-        )  # fmt: skip
+        least = -math.inf if field.least is None else field.least
+        most = math.inf if field.most is None else field.most
+        known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if not (known and least <= value <= most and (field.kind == "number" or value == int(value))):
+            bounds = f" from {least:g} to {most:g}" if math.isfinite(least) or math.isfinite(most) else ""
+            return f"a {'whole ' * (field.kind == 'integer')}number{bounds}"
     return ""
 
 
