@@ -305,7 +305,7 @@ def test_a_field_that_was_given_what_it_cannot_hold_is_refused_when_published(he
     publisher = here.node("a").publisher("/x", INT)
     message = create(INT)
     message.data = "one"
-    with pytest.raises(MessageError, match="std_msgs/msg/Int64: cannot be written"):
+    with pytest.raises(MessageError, match="std_msgs/msg/Int64: data: expected an integer"):
         publisher.publish(message)
 
 

@@ -82,7 +82,10 @@ def test_the_reference_has_every_command_with_examples_that_parse() -> None:
     examples = [line for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()]
     assert len(examples) > 100
     for line in examples:
-        words = shlex.split(re.sub(r"( [>|]|;| &&) .*", "", line.replace("wlan0", "127.0.0.1")), comments=True)
+        words = shlex.split(
+            re.sub(r"( [>|]|;| &&) .*", "", line.replace("wlan0", "127.0.0.1").replace("eth0", "127.0.0.1")),
+            comments=True,
+        )
         assert every_command().parse_args(words[1:]).command, line
 
 
@@ -170,7 +173,9 @@ def listed(name: str) -> bool:
 
 def command_is_right(line: str) -> bool:
     """Whether one of FAME's own commands is right; False for a program of others, which is listed."""
-    ours = re.sub(r"^(\S*/fame|ros2 run fame) ", "fame ", line.replace("wlan0", "127.0.0.1"))
+    ours = re.sub(
+        r"^(\S*/fame|ros2 run fame) ", "fame ", line.replace("wlan0", "127.0.0.1").replace("eth0", "127.0.0.1")
+    )
     words = shlex.split(re.sub(r" ([>|] .*|&( |$).*)", "", ours), comments=True)
     words = words[words.index("&&") + 1 :] if words[:1] == ["source"] and "&&" in words else words
     match words:

@@ -40,7 +40,10 @@ def commands(page: str) -> list[str]:
     "page", [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))], ids=lambda page: str(page.relative_to(ROOT))
 )
 def test_the_commands_of_a_page_exist_and_so_do_their_files(page: Path) -> None:
-    told = [shlex.split(command) for command in commands(page.read_text("utf-8").replace("wlan0", "127.0.0.1"))]
+    told = [
+        shlex.split(command)
+        for command in commands(page.read_text("utf-8").replace("wlan0", "127.0.0.1").replace("eth0", "127.0.0.1"))
+    ]
     for words in told:
         arguments = parser().parse_args(words[1:])
         assert arguments.command
