@@ -3,9 +3,10 @@
     python benchmarks/kept.py                        # the last tagged release
     python benchmarks/kept.py --against 1509237 --only signal --rounds 9
 
-The benchmarks, models and examples are those of HEAD on both sides. A line per case: milliseconds of each (the best of
-all turns, since noise only slows) and their ratio; below `LEAST` it is measured again with as many turns, and fails if
-it stays there. Exit code 1 if a case fails, 3 if one is not known: the release cannot run it, or there is no release.
+On both sides models and examples are those of the release, which HEAD reads too, and benchmarks those of HEAD. A line
+per case: milliseconds of each (the best of all turns, since noise only slows) and their ratio; below `LEAST` it is
+measured again with as many turns, and fails if it stays there. Exit code 1 if a case fails, 3 if one is not known: the
+release cannot run it, or there is no release.
 """
 
 from __future__ import annotations
@@ -65,9 +66,10 @@ def last_release() -> str:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
 
 
-def check_out(revision: str, folder: Path) -> None:
-    """Write the code of a revision, with benchmarks, models and examples of HEAD. Raises CalledProcessError."""
-    for source, names in ((revision, ("fame", "robots", "sim2d")), ("HEAD", ("benchmarks", "models", "examples"))):
+def check_out(revision: str, release: str, folder: Path) -> None:
+    """Write the code of a revision, what it runs, and the benchmarks. Raises CalledProcessError."""
+    code, runs = ("fame", "robots", "sim2d"), ("models", "examples")
+    for source, names in ((revision, code), (release, runs), ("HEAD", ("benchmarks",))):
         packed = subprocess.run(["git", "archive", source, *names], cwd=ROOT, capture_output=True, check=True).stdout
         subprocess.run(["tar", "-x", "-C", str(folder)], input=packed, check=True)
     (folder / TASK).parent.mkdir()
@@ -133,7 +135,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as former, tempfile.TemporaryDirectory() as present:
         folders = Path(former), Path(present)
         for revision, folder in zip((arguments.against, "HEAD"), folders, strict=True):
-            check_out(revision, folder)
+            check_out(revision, arguments.against, folder)
         turn(folders[0], "start"), turn(folders[1], "start")  # byte code is written
         then, now = compare(folders, arguments.only, arguments.rounds)
         if any(ratio is not None and ratio < LEAST for _, ratio in verdicts(then, now, arguments.only)):
