@@ -90,7 +90,7 @@ def events_of(recordings: Iterable[Path]) -> pd.DataFrame:
             for warning in convert(path, table := Path(folder, "run.csv")):
                 print(warning, file=sys.stderr)
             frames.append(pd.read_csv(table, dtype={"detail": str, "name": str}).assign(run=path.stem))
-    frame = pd.concat(frames, ignore_index=True)
+    frame = pd.concat(frames, ignore_index=True).dropna(subset=["robot"])  # without how runs ended
     frame["activity"] = frame["name"].fillna("").where(frame["name"].fillna("") != "", frame["element"])
     frame["case:concept:name"] = frame[CASE].astype(str).agg("/".join, axis=1)
     frame[TIME] = pd.to_datetime(frame["time"], unit="s", utc=True)

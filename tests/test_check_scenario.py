@@ -96,6 +96,13 @@ def test_topics_that_a_robot_of_the_world_does_not_have_are_told(
     assert [text[: len(each)] for text, each in zip(texts, told, strict=True)] == told
 
 
+@pytest.mark.parametrize("given", ["speed: 1", "REX: {speed: 1}"])
+def test_a_variable_that_it_sets_is_set(given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content, wanted = row(script("log(speed + pace)")), "reads `pace`, which nothing sets"
+    _, lines = found(tmp_path, capsys, f"{GOOD}variables: {{{given}}}\n", content)
+    assert [line.partition("t: ")[2].partition(";")[0] for line in lines if "nothing sets" in line] == [wanted]
+
+
 INPUT = (
     '<property id="p"/><dataInputAssociation id="i"><sourceRef>goal</sourceRef><targetRef>p</targetRef>'
     "</dataInputAssociation>"

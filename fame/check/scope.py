@@ -6,7 +6,7 @@ A scope is the processes of a file and all that they call. Findings are sorted b
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -120,6 +120,7 @@ class CheckScope:
     mission        the scopes of all files of the mission, this one included
     strict         a payload that reads a variable nothing sets is an error
     remote_types   the processes run elsewhere, where other message types may be known
+    given          variables that a scenario sets when a process starts, by its id
     """
 
     definitions: Definitions
@@ -132,6 +133,7 @@ class CheckScope:
     mission: tuple[CheckScope, ...] = ()
     strict: bool = False
     remote_types: bool = False
+    given: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     def has_pool(self, process: CheckedProcess) -> bool:
         return process.definitions is self.definitions and process.bpmn.id in self.pools

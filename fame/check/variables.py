@@ -58,6 +58,7 @@ def check_variables(scope: CheckScope) -> Iterator[Finding]:
         given = set[str]()
         if not scope.has_pool(root) and uses[root].declared:  # the caller sets the variables of its data objects
             given = {name for process in sharing(root) for name in uses[process].declared}
+        given |= scope.given.get(root.bpmn.id, frozenset())
         for space in _spaces(root, given, uses):
             yield from _unset(space, uses, scope.strict)
 

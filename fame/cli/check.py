@@ -86,7 +86,7 @@ def run(arguments: Namespace) -> int:
     for file in files:
         if file.model is not None:
             team = teams[id(file.model)]
-            options = {"strict": arguments.strict, "guidelines": arguments.guidelines}
+            options = {"strict": arguments.strict, "guidelines": arguments.guidelines, "given": file.given}
             file.found += check(file.model, library=file.library, team=team, **options)
         if file.scenario is not None and not _failed(file.found):
             from fame.scenario.scenario import scenario_findings
@@ -162,11 +162,14 @@ def _failed(found: Iterable[Finding]) -> bool:
 
 @dataclass(slots=True)
 class _File:
-    """A file that is checked: its model if it can be read, and the scenario that names it if there is one."""
+    """A file that is checked: its model if it can be read, and the scenario that names it if there is one.
+
+    `given`: the variables that the scenario sets for each process (id)."""
 
     library: Library
     model: Definitions | None = None
     scenario: Path | None = None
+    given: dict[str, frozenset[str]] = field(default_factory=dict)
     found: list[Finding] = field(default_factory=list)
 
 
@@ -185,11 +188,22 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
         if str(path) == "-":
             file.model = read(sys.stdin.buffer.read(), file="<stdin>")
         elif path.suffix.lower() in (".yaml", ".yml"):
+            from fame.bpmn.pools import matches, pools_of
             from fame.scenario.plan import read_scenario
+            from fame.scenario.settings import ALL
 
             scenario_plan = read_scenario(path)
             file.scenario, file.library = path, Library([*folders, *scenario_plan.library])
             file.model = read(scenario_plan.model)
+            file.given = {
+                pool.process.id: frozenset(
+                    name
+                    for robot, values in scenario_plan.variables.items()
+                    if robot == ALL or matches(robot, pool)
+                    for name in values
+                )
+                for pool in pools_of(file.model)
+            }
         else:
             file.model = read(path)
             file.scenario = path if beside(path) or draws_properties(file.model, file.library) else None
