@@ -155,6 +155,7 @@ def test_where_two_boundaries_of_the_field_meet_it_is_explored_all_the_same() ->
     assert_all_went_well(run)
 
 
+@pytest.mark.long
 def test_a_weed_inside_an_obstacle_is_reported_and_the_mission_goes_on() -> None:
     pond = {"name": "pond", "at": [3, 2], "radius": 0.8}
     run = play(tractors((0, 2)), field=FIELD, obstacles=[pond], weeds=weeds((3, 2), (5.5, 3.5)))
@@ -173,6 +174,7 @@ def test_a_tractor_passes_what_is_not_on_its_map() -> None:
     assert run.times("Activity_StepAside", "Tractor_1")
 
 
+@pytest.mark.long
 def test_a_tractor_that_cannot_move_any_more_leaves_its_weed_uncut_and_the_others_go_on() -> None:
     robots = tractors((1, 0), (6, 5))
     robots["Tractor_1"]["battery"] = {"charge": 0.0005}

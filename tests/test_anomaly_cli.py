@@ -76,6 +76,7 @@ def test_fewer_runs_than_asked_for_are_written_and_said(tmp_path: Path, capsys: 
     assert "3 of the 5 runs are missing" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @needs_data
 def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
     other = tuple(f"other_{name}" for name in MH5.joints)

@@ -47,6 +47,7 @@ def slower(values: np.ndarray, factor: float, first: int = 0, last: int | None =
     return MH5.quantised(sampled)
 
 
+@pytest.mark.long
 def test_held_out_benign_runs_pass():
     for run in recording(BENIGN).select(range(1, 30, 2)):
         assert not any(reading.anomalous for reading in learned().follow(run))

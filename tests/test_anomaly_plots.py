@@ -58,6 +58,7 @@ def test_an_arm_of_two_joints_can_be_drawn(tmp_path: Path) -> None:
     assert pixels(tmp_path / "space.png", BENIGN_COLOUR) > 50
 
 
+@pytest.mark.long
 @needs_data
 def test_an_attack_stands_out_along_the_path(tmp_path: Path) -> None:
     benign = recording(BENIGN).select(range(6))

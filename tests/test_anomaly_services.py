@@ -67,6 +67,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
+@pytest.mark.long
 @needs_data
 def test_collect_writes_so_many_runs_and_goes_on(tmp_path: Path) -> None:
     watch = Watch(tmp_path, calling("adm_collect"), output="benign.csv", label=1, runs=2)

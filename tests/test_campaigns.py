@@ -241,6 +241,7 @@ if {str(tmp_path / "died")!r} not in [str(one) for one in __import__('pathlib').
     assert [row["status"] for row in rows] == ["completed"] * 3
 
 
+@pytest.mark.long
 def test_a_campaign_goes_on_where_it_was_interrupted(scenario: Path, tmp_path: Path) -> None:
     campaign = Campaign(scenario=str(scenario), runs=8, variation=speeds(0.2, 1.2), workers=1)
     folder = Folder(tmp_path / "out")
@@ -462,6 +463,7 @@ def test_a_cluster_of_dask_does_the_runs(scenario: Path, tmp_path: Path) -> None
 # ---- properties ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_campaign_says_how_often_properties_are_violated_and_how_close_others_came(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -489,6 +491,7 @@ def test_a_campaign_says_how_often_properties_are_violated_and_how_close_others_
     assert not (tmp_path / "no").exists()
 
 
+@pytest.mark.long
 def test_runs_can_be_recorded(scenario: Path, tmp_path: Path) -> None:
     rows_of(Campaign(scenario=str(scenario), runs=2, workers=1, record=str(tmp_path / "out")), tmp_path / "out")
     with Recording(tmp_path / "out" / "run-2.mcap") as recording:

@@ -167,6 +167,7 @@ def test_what_is_no_model_is_told_in_one_line(name: str, tmp_path: Path, capsys:
     assert (out + err).count("\n") == (2 if code == 1 else 1)
 
 
+@pytest.mark.long
 def test_thousands_of_findings_are_all_told_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "many.bpmn"
     path.write_text(alone(row(*(f'<manualTask id="t{n}"/>' for n in range(2000)))))

@@ -64,6 +64,7 @@ def test_the_mission_as_json_with_all_that_can_be_written(tmp_path: Path, capsys
     assert all(file.stat().st_size > 10_000 for file in files)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path: Path) -> None:
     def log(name: str, seed: str) -> list[bytes]:
         files = [tmp_path / f"{name}.{ending}" for ending in ("jsonl", "csv", "xes")]

@@ -99,6 +99,7 @@ def test_their_tests_notice_a_fault(tmp_path: Path) -> None:
     assert {*re.findall(r"^FAILED (\w+)/", shown, re.MULTILINE)} == {*PATTERNS}, shown
 
 
+@pytest.mark.long
 def test_fame_new_copies_each_as_a_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for pattern in PATTERNS:

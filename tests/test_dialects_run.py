@@ -110,6 +110,7 @@ def test_scripts_of_the_mission_return_at_once_and_their_callbacks_go_on(
     assert {round(later - former, 6) for former, later in pairwise(polls)} == {2.0}
 
 
+@pytest.mark.long
 def test_the_drone_finds_the_weeds_and_the_closest_tractors_cut_them(agriculture: tuple[Result, list[Event]]) -> None:
     result, events = agriculture
     assert (result.status, result.messages) == ("completed", [])
@@ -133,5 +134,6 @@ def test_the_survey_goes_on_where_it_was_after_a_weed(agriculture: tuple[Result,
     assert abs(drone["y"]) < 0.2
 
 
+@pytest.mark.long
 def test_a_mission_in_javascript_is_the_same_each_time(agriculture: tuple[Result, list[Event]]) -> None:
     assert play("agriculture")[1] == agriculture[1]

@@ -149,6 +149,7 @@ def test_the_trace_of_a_refuted_property_fails_until_it_holds(tmp_path: Path) ->
     assert code == 0, shown
 
 
+@pytest.mark.long
 def test_traces_are_recordings_of_the_real_engines_and_pictures(tmp_path: Path) -> None:
     folder = tmp_path / "traces"
     model = "models/ground_vehicles.bpmn"
@@ -235,6 +236,7 @@ def test_a_finding_that_its_owner_accepts(tmp_path: Path, capsys: pytest.Capture
     assert "P_A: accept: expected KIND: REASON, where KIND is one of deadlock, never" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_json_says_that_not_all_was_explored(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "--explore", "models/agriculture.bpmn", "--limit", "20", "--json"]) == 3
     (found,) = json.loads(capsys.readouterr().out)["explorations"]

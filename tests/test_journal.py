@@ -182,6 +182,7 @@ def test_a_directory_that_cannot_be_written_is_refused(
     StateDirectory(tmp_path / "state").close()
 
 
+@pytest.mark.long
 def test_a_journal_of_any_size_opens_in_bounded_memory(directory: StateDirectory) -> None:
     journal = Journal(directory, {})
     journal.begin_segment({"set": {"values": {}}})

@@ -63,6 +63,7 @@ def test_runs_have_verdicts_events_with_channels_and_latency(folder: Path, capsy
     assert figures["false alarms per run"]["interval"][1] == pytest.approx(1 - 0.025**0.5)
 
 
+@pytest.mark.long
 def test_the_report_is_one_static_page_with_plots_of_the_runs(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "out" / "report.html"
     assert main(["monitor", "judge", str(folder / "monitor.skops"), str(folder / "runs.csv"), "-o", str(page)]) == 1
@@ -165,6 +166,7 @@ def slower(run: Samples) -> Samples:
     return run.replace(run.values, stamps=2 * run.stamps)
 
 
+@pytest.mark.long
 def test_runs_that_were_not_judged_are_never_benign(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -350,6 +352,7 @@ def test_two_models_judge_the_same_runs_and_the_labels_say_which_is_better(
     assert "same verdicts on every run" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_without_labels_or_verdicts_which_model_is_better_is_not_known(
     folder: Path, model: TrainedModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -365,6 +368,7 @@ def test_without_labels_or_verdicts_which_model_is_better_is_not_known(
     assert (code, found["text"]) == (3, "same verdicts on every run")
 
 
+@pytest.mark.long
 def test_a_run_without_labels_is_not_benign_beside_a_file_that_has_them(
     folder: Path, model: TrainedModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

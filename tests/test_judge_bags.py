@@ -58,6 +58,7 @@ def test_a_trained_model_judges_a_bag(trained: Path, tmp_path: Path, capsys: pyt
     assert "<svg" in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_a_single_mcap_file_is_judged_as_its_folder(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -132,6 +133,7 @@ def test_another_device_on_the_topic_hides_nothing_of_a_run_unless_it_takes_the_
     assert all("Efforts has the channels finger_0, " in str(judged["notes"]) for judged in found.values())
 
 
+@pytest.mark.long
 def test_a_message_that_is_sent_twice_hides_nothing(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

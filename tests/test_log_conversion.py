@@ -150,6 +150,7 @@ def test_ocel_is_valid_by_the_schema_of_its_specification(run: Path) -> None:
     assert len(list(validator.iter_errors(log))) == 2
 
 
+@pytest.mark.long
 def test_ocel_has_what_the_mission_shows_unless_all_is_asked_for(run: Path) -> None:
     logs = {}
     for level in ("mission", "all"):
@@ -299,6 +300,7 @@ def test_a_log_of_a_part_says_so_and_judges_and_draws_nothing(run: Path, capsys:
     assert "--level is for logs of events" in told([source, "-o", str(run / "bag"), "--level", "all"], capsys)
 
 
+@pytest.mark.long
 def test_pm4py_opens_it(run: Path) -> None:
     pm4py = pytest.importorskip("pm4py")
     log = pm4py.read_ocel2_json(str(converted(run, ".ocel.json")))
@@ -360,6 +362,7 @@ def test_an_object_that_a_variable_names_recording_is_no_part(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.long
 def test_an_event_log_is_judged_with_what_called_processes_throw(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

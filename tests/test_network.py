@@ -263,6 +263,7 @@ def test_a_mission_with_retries_survives_loss_and_a_partition() -> None:
     ]
 
 
+@pytest.mark.long
 def test_one_without_retries_says_what_it_lost() -> None:
     cuts = tuple(Partition(("Drone", f"Tractor_{number}"), 40, 55) for number in (1, 2, 3))
     network = NetworkConfig((Link(loss=0.05),), cuts)

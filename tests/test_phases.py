@@ -141,6 +141,7 @@ def labelled(run: Samples) -> LabelledRun:
     return LabelledRun(run, np.ones(len(run), dtype=np.int64), "a.csv")
 
 
+@pytest.mark.long
 def test_elements_come_from_a_column_of_texts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     lines = ["stamp,run,left,task,right"]
     for number in range(RUNS):

@@ -48,6 +48,7 @@ def test_a_recorder_keeps_ten_samples_a_second_of_every_robot(record):
     assert dingo.poses[0] == dingo.poses[-1]
 
 
+@pytest.mark.long
 def test_a_picture_shows_ground_obstacles_targets_ways_and_leds(record, tmp_path):
     file = tmp_path / "out" / "world.png"
     picture(record, file, title="A mission")
@@ -67,6 +68,7 @@ def test_a_picture_of_a_world_that_has_just_begun_shows_the_world(tmp_path):
         assert share(image, style.GROUND) > 0.4
 
 
+@pytest.mark.long
 def test_an_animation_moves_and_ends_with_what_was_recorded_last(record, tmp_path):
     file = tmp_path / "world.gif"
     animate(record, file, fps=10, speed=2)
@@ -274,6 +276,7 @@ def test_a_recorder_keeps_height_footprint_and_blade(farm):
     assert drone.appearances[-1].footprint == pytest.approx(drone.appearances[-1].altitude, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_picture_shows_weeds_that_grow_and_weeds_that_were_cut(farm, tmp_path):
     picture(farm, tmp_path / "farm.png")
     with Image.open(tmp_path / "farm.png") as image:
@@ -301,6 +304,7 @@ def faint_on_ground(colour):
     return "#" + "".join(f"{round(a * part + b * (1 - part)):02x}" for a, b in pairs)
 
 
+@pytest.mark.long
 def test_a_hundred_robots_can_still_be_drawn(tmp_path):
     robots = {f"Tractor_{n}": {"type": "tractor", "at": [2 + n % 10, 2 + n // 10]} for n in range(100)}
     g = ground(size=[20, 15], robots=robots)

@@ -676,6 +676,7 @@ def test_how_many_lines_were_refused_in_all_is_said_at_the_end(tmp_path: Path) -
     ]
 
 
+@pytest.mark.long
 def test_a_disk_that_is_full_is_said_with_the_file_and_what_was_written_is_whole(tmp_path: Path) -> None:
     bag, (of, out) = tmp_path / "full.yaml", (configuration(tmp_path), tmp_path / "runs.csv")
     bag.write_text(of.file.read_text())

@@ -66,6 +66,7 @@ def test_without_a_promise_thresholds_are_at_least_the_largest_loss_of_left_out_
     assert model.network.layers == (20, 8, 3, 8, 20)
 
 
+@pytest.mark.long
 def test_training_twice_gives_the_same_model(model: TrainedModel) -> None:
     again = fit([motion(seed) for seed in range(6)], QUICK)
     assert again.thresholds == model.thresholds

@@ -209,6 +209,7 @@ def test_a_recording_has_a_command_that_does_the_same_anywhere(team: Path, tmp_p
     assert main([*command[1:], "--quiet"]) == 0
 
 
+@pytest.mark.long
 def test_a_campaign_has_commands_that_do_the_same_anywhere(team: Path, tmp_path: Path, monkeypatch) -> None:
     assert main(["campaign", "--runs", "2", "--jobs", "1", "-o", "out"]) == 0
     row = json.loads((team / "out" / "runs.jsonl").read_text().splitlines()[0])

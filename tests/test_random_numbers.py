@@ -195,6 +195,7 @@ def test_engines_draw_new_seeds_which_their_recordings_contain_and_a_given_seed_
     assert counts[0] != counts[1] != counts[2] == counts[3]
 
 
+@pytest.mark.long
 def test_what_is_deployed_next_and_a_resumed_engine_repeat_no_numbers(tmp_path: Path) -> None:
     field = Durable(tmp_path / "state", seed=7)
     field.deploy(DRAWING)

@@ -34,6 +34,7 @@ def thresholds() -> np.ndarray:
     return np.array(TrainedModel.load(reassembly_table.MODEL).thresholds)
 
 
+@pytest.mark.long
 def test_a_blocked_shoulder_shows_at_joint_0_and_not_at_4_and_5():
     times = largest("blocked_shoulder").mean(axis=0) / largest("none").mean(axis=0)
     assert times[0] > 1.9

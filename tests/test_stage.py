@@ -55,6 +55,7 @@ def test_a_stage_tells_its_skips_with_their_reasons(tmp_path: Path) -> None:
     assert (code, lines) == (0, ["it: 2 passed, 3 skipped", "  skipped 3: needs the program nothing"])
 
 
+@pytest.mark.long
 def test_a_stage_that_has_its_programs_may_skip_nothing(tmp_path: Path) -> None:
     assert stage(tmp_path, "--no-skips")[0] == 0
     code, lines = stage(tmp_path, "--no-skips", skips=True)
@@ -85,6 +86,7 @@ def test_too_much_that_is_flaky_is_an_error_in_all_stages_together(tmp_path: Pat
     assert (code, lines[-1]) == (1, "ERROR 3 tests are flaky: expected 2 at most")
 
 
+@pytest.mark.long
 def test_no_other_test_is_repeated(tmp_path: Path) -> None:
     code, lines = stage(tmp_path, wrong=True)
     assert (code, lines[-1]) == (1, "FAILED test_it.py::test_wrong")

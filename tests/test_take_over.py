@@ -36,6 +36,7 @@ def told(mission: MissionUnderTest) -> list[str]:
     return [event.detail for event in mission.reports]
 
 
+@pytest.mark.long
 def test_a_robot_that_is_taken_over_stops_and_obeys_the_person_at_their_speed(cars: MissionUnderTest) -> None:
     assert moved(cars, 1) > 0.1
     hand = cars.take_over("REX", who="ann")
@@ -125,6 +126,7 @@ def test_an_activity_is_skipped_or_failed_by_its_label(cars: MissionUnderTest) -
     assert cars.node("REX").instances[-1].error.code == "taken_over"
 
 
+@pytest.mark.long
 def test_a_drone_that_is_taken_over_hovers_and_flies_by_hand(mission: Any) -> None:
     field: MissionUnderTest = mission.load(EXAMPLES / "agriculture.yaml")
     field.advance(20)
@@ -139,6 +141,7 @@ def test_a_drone_that_is_taken_over_hovers_and_flies_by_hand(mission: Any) -> No
     assert 0.5 < math.hypot(after.x - before.x, after.y - before.y) < 1.1
 
 
+@pytest.mark.long
 def test_an_arm_only_holds(mission: Any) -> None:
     cell: MissionUnderTest = mission.load(EXAMPLES / "reassembly.yaml")
     cell.advance(5)

@@ -62,6 +62,7 @@ def test_bags_train_as_the_table_that_is_recorded_from_them_each_a_run(
     assert (card["Data"]["runs"], card["Data"]["files"]) == (RUNS, [bag.name for bag in bags])
 
 
+@pytest.mark.long
 def test_a_changed_bag_is_not_the_data_of_the_model(
     tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -73,6 +74,7 @@ def test_a_changed_bag_is_not_the_data_of_the_model(
     assert "data" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_files_of_a_configuration_are_read_by_its_own_inputs(
     tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -60,6 +60,7 @@ def test_copies_of_runs_are_refused_and_promise_nothing(tmp_path: Path, capsys: 
     assert "warning: 6 runs that are copies of others were left out" in said.err
 
 
+@pytest.mark.long
 def test_what_a_model_has_learned_from_counts_in_no_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     for name, seeds in (("old", range(6)), ("new", range(6, 12))):
         (tmp_path / name).mkdir()

@@ -126,12 +126,14 @@ def clean(seed: int, scenario: Any) -> np.ndarray:
     return found.efforts[:count] - free.efforts[:count]
 
 
+@pytest.mark.long
 def test_an_obstructed_run_is_the_free_one_until_somebody_is_in_the_way():
     touched = np.flatnonzero(clean(5, "blocked_lid").any(axis=1))[0]
     assert one_run(5).stamps[touched] > 3.7  # when the lid is gripped
     assert np.abs(clean(5, "blocked_lid")).max(axis=0)[4] > 1
 
 
+@pytest.mark.long
 def test_somebody_at_joint_0_is_felt_there_and_hardly_in_the_wrist():
     run, free = one_run(5, "blocked_shoulder"), one_run(5)
     added = np.abs(run.efforts).max(axis=0) - np.abs(free.efforts).max(axis=0)

@@ -186,6 +186,7 @@ def test_a_wrong_request_is_one_line(words: list[str], text: str, capsys: pytest
     assert error.count("\n") == 1
 
 
+@pytest.mark.long
 def test_a_run_that_was_not_recorded_by_the_command_is_not_run_again(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

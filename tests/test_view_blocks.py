@@ -69,6 +69,7 @@ def test_of_what_was_read_the_last_block_alone_stays_in_memory(recording: Path) 
         assert [json.loads(replay.block(block.number)) for block in stored] == [block.to_json() for block in stored]
 
 
+@pytest.mark.long
 def test_blocks_have_every_event_of_the_recording(recording: Path) -> None:
     with Replay(recording) as replay:
         replay.wait()
@@ -170,6 +171,7 @@ def places(packer: Packer) -> dict[tuple[str, int, str], int]:
     return dict(found)
 
 
+@pytest.mark.long
 def test_a_run_that_lasts_has_the_blocks_of_its_recording(tmp_path: Path) -> None:
     scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=20)
     live = LiveRun(scenario, RunControl(speed=0))

@@ -208,6 +208,7 @@ def branched(scenario: Scenario, recording: Recording, time: int) -> tuple[LiveR
     return live, SameRun(recording, time, live)
 
 
+@pytest.mark.long
 def test_a_branch_is_the_recorded_run_until_there(tmp_path: Path) -> None:
     scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=15)
     with Recording(recorded(scenario, tmp_path / "run.mcap")) as recording:
@@ -220,6 +221,7 @@ def test_a_branch_is_the_recorded_run_until_there(tmp_path: Path) -> None:
     assert len(shown) >= len(before) > 100
 
 
+@pytest.mark.long
 def test_a_page_sees_how_far_a_branch_has_come_and_controls_it_from_there_on(tmp_path: Path) -> None:
     scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=2)
     seen: list[tuple[int, int]] = []
@@ -244,6 +246,7 @@ def test_a_page_sees_how_far_a_branch_has_come_and_controls_it_from_there_on(tmp
     assert live.news(None)[1][-1]["repeats"] is None
 
 
+@pytest.mark.long
 def test_the_page_of_a_branch_that_fails_stays_with_the_error(own_code: Path) -> None:
     words = ["--branch", "0.5", "--no-open", "--yes", "--changed"]
     model = own_code / "porter.bpmn"
@@ -427,6 +430,7 @@ def test_a_button_stays_under_the_finger_while_the_page_follows_the_run(chromium
         until(page, "[...fame.state.waits.get(0).values()].some((one) => one.element === 'Wait')")
 
 
+@pytest.mark.long
 def test_the_command_serves_the_page_of_a_run_until_it_is_interrupted(tmp_path: Path) -> None:
     model = tmp_path / "porter.bpmn"
     model.write_text(PORTER, encoding="utf-8")

@@ -34,7 +34,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("../models", "agriculture_world.yaml", "worlds"):
         text = text.replace(f" {name}", f" {EXAMPLES / name}")
     (folder / "mine.yaml").write_text(text)
-    return record(Scenario.load(folder / "mine.yaml", duration=60), folder / "mine.mcap")
+    return record(Scenario.load(folder / "mine.yaml", duration=30), folder / "mine.mcap")
 
 
 def test_a_recording_of_a_run_has_its_properties(recording: Path) -> None:
