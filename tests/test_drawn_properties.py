@@ -109,7 +109,7 @@ def test_a_wrong_annotation_is_an_error_of_the_check(model: Path, capsys: pytest
     assert "error: properties.stop: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("second", ["", '<process id="Other"><startEvent id="O"/></process>'])
+@pytest.mark.parametrize("second", ["", '<process id="Other" isExecutable="false"><startEvent id="O"/></process>'])
 def test_a_called_file_may_name_the_robots_of_missions_that_call_it(model: Path, second: str) -> None:
     said = note(f"property inner: {FALSE}")
     model.write_text(document(f'<process id="Drive" isExecutable="true">{LATE}{DRIVE}{said}</process>{second}'))

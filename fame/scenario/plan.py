@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import date, datetime
+from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -271,9 +272,9 @@ def _registered(path: Path, folder: ConfigValue) -> Path:
 
 
 def _epoch(value: ConfigValue) -> datetime:
-    """Parse a date, which YAML may already have converted to a date object."""
+    """Parse a date; a space may stand before the time of day, as YAML 1.1 has it."""
     try:
-        return parse_epoch(value.data.isoformat() if isinstance(value.data, date) else value.text())
+        return parse_epoch(re.sub(r"(?<=\d) (?=\d)", "T", value.text()))
     except ValueError as error:
         raise value.error(f"{error}; expected a date, or now") from None
 

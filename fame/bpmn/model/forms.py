@@ -34,8 +34,13 @@ class FormField:
 
 def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
     """Return what is wrong with the first value that does not fit its field in a form; empty if all fit."""
+    plain = (bool, int, float, str, list, dict, type(None))  # an exploration gives values that are unknown
     for field in form:
-        if field.key in values and (right := _expected(field, values[field.key])):
+        if (
+            isinstance(values.get(field.key), plain)
+            and field.key in values
+            and (right := _expected(field, values[field.key]))
+        ):
             return f"{field.key}: expected {right}, got {values[field.key]!r}"
     return ""
 
