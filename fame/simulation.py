@@ -22,6 +22,7 @@ from fame.monitor.services import SERVICES
 from fame.randomness import SEEDS, ModuleRandom, robot_random
 from fame.robot import Event, Mission, RobotNode, ServiceFunction, make_mission
 from fame.robot.options import RobotOptions
+from fame.text import topic_of
 
 
 class Simulation:
@@ -142,9 +143,8 @@ class Simulation:
         """
         expect(isinstance(name, str), "name", name, "the name of a topic")
         self._begin()
-        topic = name if name.startswith(("/", "~/")) else f"/{name}"
         with self._random:
-            self.node.deliver(topic, payload)
+            self.node.deliver(topic_of(name), payload)
             self._go_on()
         return self
 

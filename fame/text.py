@@ -174,14 +174,39 @@ def is_ros_name(name: str) -> bool:
 
 
 def ros_name(text: str) -> str:
-    """Return a label as the name of a topic: accents are dropped, and what ROS 2 refuses in a name becomes ``_``.
+    """Return a name that people write, of a signal, message or label, as the name of a topic.
 
-    >>> ros_name("has arrived!"), ros_name("~/Fläche 2"), ros_name("2 done"), ros_name("/done")
-    ('has_arrived', '~/Flache_2', '_2_done', '/done')
+    A name that ROS 2 allows, or that begins with ``/`` or ``~/``, stays as it is, and so does one without any Latin
+    letter, of which no topic can be made (see `wrong_topic`). In any other, accents are dropped, each run of other
+    characters becomes one ``_``, none at the ends, and a leading digit gets an ``n``.
+
+    >>> ros_name("Order received"), ros_name("Fl\u00e4che 2!"), ros_name("3 done"), ros_name("a__b"), ros_name("~/odom")
+    ('Order_received', 'Flache_2', 'n3_done', 'a__b', '~/odom')
     """
-    if is_ros_name("/" + text.removeprefix("~").lstrip("/")):
+    if not label_of(text) or is_ros_name(f"/{text}"):
         return text
     plain = "".join(each for each in normalize("NFKD", text) if not combining(each))
-    parts = [re.sub(r"[^A-Za-z0-9_]+", "_", part.strip()).strip("_") for part in plain.lstrip("~/").split("/")]
-    parts = [f"_{part}" if part[:1].isdigit() else part for part in parts if part]
-    return text[: len(text) - len(text.lstrip("~/"))] + "/".join(parts)
+    name = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_")
+    if not re.search(r"[A-Za-z]", name):
+        return text
+    return f"n{name}" if name[0].isdigit() else name
+
+
+def topic_of(name: str) -> str:
+    """Return the topic of a name that people write: ``/Order_received``, or ``~/odom`` in the robot's namespace."""
+    name = ros_name(name)
+    return f"/{name}" if label_of(name) else name
+
+
+def label_of(name: str) -> str:
+    """Return a name from which a topic is made; empty for a topic that is written literally."""
+    return "" if name.startswith(("/", "~/")) else name
+
+
+def wrong_topic(topic: str, label: str) -> str:
+    """Return what is wrong with a topic, empty if ROS 2 allows it. `label`: as `label_of` gives."""
+    if is_ros_name(topic.removeprefix("~")):
+        return ""
+    if label:
+        return f"{label!r} has no Latin letter to make a topic of: write a topic as its name, such as /order_received"
+    return f"{topic} is not a valid ROS 2 topic name: expected {NAMES}"

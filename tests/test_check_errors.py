@@ -70,11 +70,20 @@ ERRORS = {
         row(script('robot.publish("/has arrived!", "std_msgs/msg/Empty")')),
         "t: /has arrived! is not a valid ROS 2 topic name: expected letters, digits and _, not starting with a digit",
     ),
-    "two labels that become one topic": (
+    "two names that become one topic": (
         row('<intermediateThrowEvent id="a" name="has arrived"><signalEventDefinition/></intermediateThrowEvent>'
             '<intermediateThrowEvent id="b" name="has arrived!"><signalEventDefinition/></intermediateThrowEvent>'),
-        "b: the label 'has arrived!' and that of a, 'has arrived', are the same topic /has_arrived: "
-        "expected labels that differ in letters and digits",
+        "b: the name 'has arrived!' and that of \"has arrived\" (a), 'has arrived', are the same topic /has_arrived: "
+        "expected names that differ in letters and digits, or one name",
+    ),
+    "a script with another name of the topic of an event": (
+        row(throw("a"), script('signal("done!")')),
+        "t: the name 'done!' and that of \"done\" (a), 'done', are the same topic /done: "
+        "expected names that differ in letters and digits, or one name",
+    ),
+    "a name without a Latin letter": (
+        row(script('signal("\u5230\u8fbe")')),
+        "t: '\u5230\u8fbe' has no Latin letter to make a topic of: write a topic as its name, such as /order_received",
     ),
     "a payload and no type": (
         row(throw("a", payload="true"), catch("b")),

@@ -319,6 +319,9 @@ ROUND = choice("g") + flow("g", "s1", "more") + flow("g", "e") + flows("s s1 t g
 AGAIN = "t: creates a subscription in each iteration: end the previous one with node.destroySubscription(...)"
 
 NOTES = {
+    "a name that becomes a topic": (
+        row(script('signal("Order received")')), "t: the name 'Order received' becomes the topic /Order_received"
+    ),
     "a subscription that is made in a loop": (
         START + script("more = False", "s1") + HEAR + ends("e") + ROUND, AGAIN
     ),
@@ -477,3 +480,9 @@ FINE = {
 @pytest.mark.parametrize("content", FINE.values(), ids=FINE.keys())
 def test_it_is_not_blamed(content: str) -> None:
     assert told(alone(content)) == []
+
+
+def test_the_topic_of_a_name_is_noted_once() -> None:
+    text = alone(row(throw("a"), throw("b"), script('signal("all done")'))).replace('name="done"', 'name="all done"')
+    notes = [one for one in told(text, "note") if "becomes" in one]
+    assert notes == ["a: the name 'all done' becomes the topic /all_done"]

@@ -195,7 +195,7 @@ def test_a_part_of_a_split_file_keeps_the_rule_of_prefixes() -> None:
 
 def test_a_topic_named_by_its_label_gets_a_signal() -> None:
     text = same('<endEvent id="e" name="all done"><signalEventDefinition/></endEvent>')
-    assert '<signal id="Signal_all_done" name="all_done"/>' in text
+    assert '<signal id="Signal_all_done" name="all done"/>' in text
     labels = properties(topics="labels")
     said = f'<endEvent id="e" name="seen">{SIGNAL}</endEvent><receiveTask id="t" name="call" messageRef="M"/>'
     text = same(labels + said, ROOTS)

@@ -204,6 +204,7 @@ def scenario(folder: Path, network: str) -> Path:
     [
         ("{delay: 0.05, loss: 0.01}", Link(Delay("fixed", 0.05), 0.01)),
         ("{delay: {uniform: [0.02, 0.1]}, reorder: 0.5}", Link(Delay("uniform", 0.02, 0.1), reorder=0.5)),
+        ("{links: [{topic: All done, loss: 0.1}]}", Link(loss=0.1, topic="/All_done")),
         ("{links: [{topic: done, delay: {normal: [0.1, 0.02]}}]}", Link(Delay("normal", 0.1, 0.02), topic="/done")),
     ],
 )

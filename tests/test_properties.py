@@ -69,7 +69,7 @@ WRONG = {
     "A starts z": (10, "A has no element 'z'; known are: X, Y, found, done"),
     'A starts "Xx"': (10, "A has no element 'Xx'; did you mean 'X'?"),
     "Aa starts x": (1, "unknown robot or pool 'Aa'; did you mean 'A'?"),
-    "A throws found": (10, "expected a topic, as in /weed_found, got 'found'"),
+    "A throws found": (10, "expected a topic, as in /weed_found or \"Weed found\", got 'found'"),
     "A throws /fond": (10, "no event of A throws /fond; did you mean '/found'?"),
     "A catches /done": (11, "no event of A catches /done; known are: /found"),
     "A catches /found where id > 1": (18, "only throws takes a condition: which message was caught is not recorded"),
@@ -203,6 +203,12 @@ def test_lost_events_make_what_needs_them_not_known() -> None:
     assert words == [
         ("not known", lost), ("violated", "A starts x at 1e-09 s"), ("holds", ""), ("not known", lost)
     ]  # fmt: skip
+
+
+def test_a_signal_may_be_named_as_in_the_diagram() -> None:
+    for target in ('"Order received"', "/Order_received"):
+        (event,) = filter(None, (parse(f"A throws {target}").main,))
+        assert event.target.text == "/Order_received"
 
 
 def test_places_of_sentences_are_those_of_the_file() -> None:

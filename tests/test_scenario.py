@@ -331,10 +331,10 @@ def own_types(folder: Path, package: str) -> Path:
         process(
             f'<startEvent id="s"/><intermediateThrowEvent id="t">{said}{event}</intermediateThrowEvent>'
             f'<intermediateCatchEvent id="c"><signalEventDefinition signalRef="R"/></intermediateCatchEvent>'
-            '<scriptTask id="k"><script>w = picked_again.weight</script></scriptTask>'
+            '<scriptTask id="k"><script>w = Picked_again.weight</script></scriptTask>'
             '<sequenceFlow id="f" sourceRef="s" targetRef="t"/><sequenceFlow id="g" sourceRef="t" targetRef="c"/>'
             '<sequenceFlow id="h" sourceRef="c" targetRef="k"/>',
-            '<signal id="S" name="picked"/><signal id="R" name="picked_again"/>',
+            '<signal id="S" name="picked"/><signal id="R" name="Picked again"/>',
             'name="P"',
         ).replace(
             '<intermediateCatchEvent id="c">',
@@ -343,7 +343,7 @@ def own_types(folder: Path, package: str) -> Path:
     )
     path = folder / "s.yaml"
     path.write_text(
-        "model: m.bpmn\ncomputers: [P]\ntypes: [msgs]\nsignal: {at: 3, name: picked_again, payload: {weight: 2}}\n"
+        "model: m.bpmn\ncomputers: [P]\ntypes: [msgs]\nsignal: {at: 3, name: Picked again, payload: {weight: 2}}\n"
     )
     return path
 

@@ -1,10 +1,14 @@
 """The topic table: who throws, who catches, and the one type of each topic."""
 
-import pytest
-from bpmn_text import document, properties
+import re
+from pathlib import Path
 
-from fame.bpmn import read_text, topic_table
+import pytest
+from bpmn_text import document, process, properties
+
+from fame.bpmn import read, read_text, topic_table
 from fame.bpmn.model import Definitions
+from fame.bpmn.topics import TopicEnd
 from fame.errors import ModelError
 from fame.simulation import Simulation
 
@@ -105,24 +109,86 @@ def test_some_processes_of_some_files_may_be_asked_for() -> None:
     assert both["/weed_found"].type == "std_msgs/msg/Bool"
 
 
+# ---- names that people write -----------------------------------------------------------------------------------------
+
+NAMES = {
+    "weed_found": "/weed_found", "a/b": "/a/b", "_x": "/_x", "a__b": "/a__b", "/done": "/done", "~/odom": "~/odom",
+    "Order received": "/Order_received", "has arrived!": "/has_arrived", "Fl\u00e4che 2": "/Flache_2",
+    "3 done": "/n3_done", "a - b/c": "/a_b_c", "(Test&#10;Message)": "/Test_Message", "a_ _b": "/a_b",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "topic"), NAMES.items())
+def test_a_name_that_ros_2_allows_stays_and_another_becomes_one(name: str, topic: str) -> None:
+    signal = '<signalEventDefinition signalRef="O"/>'
+    named = f'{throw("t", definition=signal)}</process><signal id="O" name="{name}"/>'
+    labelled = f'<endEvent id="e" name="{name}"><signalEventDefinition/></endEvent></process>'
+    for content in (named, labelled):
+        assert list(topic_table(read_text(document(f'<process id="A">{content}')))) == [topic]
+
+
+def test_in_what_is_shipped_each_topic_is_written_letter_by_letter() -> None:
+    root = Path(__file__).parent.parent
+    for path in sorted(file for folder in ("models", "examples") for file in (root / folder).rglob("*.bpmn")):
+        written = re.findall(r'(?:name|id)="([^"]+)"', path.read_text())
+        topics = {end.topic.name for end in _uses(read(path))}
+        assert topics <= {*written}, path
+
+
+def _uses(definitions: Definitions) -> list[TopicEnd]:
+    return [end for use in topic_table(definitions).values() for end in (*use.throws, *use.catches)]
+
+
 @pytest.mark.parametrize(
-    ("label", "topic"), [("has arrived!", "/has_arrived"), ("Fl\u00e4che 2", "/Flache_2"), ("done", "/done")]
+    ("name", "text"),
+    [
+        ("/has arrived!", "/has arrived! is not a valid ROS 2 topic name: expected letters"),
+        ("~/a b", "~/a b is not a valid ROS 2 topic name: expected letters"),
+        ("\u5230\u8fbe 1", "'\u5230\u8fbe 1' has no Latin letter to make a topic of: write a topic as its name"),
+    ],
 )
-def test_a_label_becomes_a_name_that_ros_2_allows(label: str, topic: str) -> None:
-    model = read_text(
-        document(f'<process id="A"><endEvent id="e" name="{label}"><signalEventDefinition/></endEvent></process>')
-    )
-    assert list(topic_table(model)) == [topic]
-    text = f"the topic is {topic[1:]!r}: ROS 2 allows no name like the label {label!r}"
-    assert (text in [note.text for note in model.notes]) is (topic[1:] != label)
-
-
-def test_a_signal_with_a_name_that_ros_2_does_not_allow_is_not_loaded() -> None:
-    wrong = document(f'<process id="A"><startEvent id="s"/>{throw("t")}</process>{ROOTS}').replace(
-        "weed_found", "has arrived!"
-    )
-    with pytest.raises(ModelError, match="t: /has arrived! is not a valid ROS 2 topic name: expected letters"):
+def test_a_name_that_makes_no_topic_is_not_loaded(name: str, text: str) -> None:
+    wrong = document(f'<process id="A"><startEvent id="s"/>{throw("t")}</process>{ROOTS}').replace("weed_found", name)
+    with pytest.raises(ModelError, match=f"t: {text}"):
         Simulation(read_text(wrong, file="m.bpmn"))
+
+
+def test_scripts_and_what_is_outside_use_the_name_and_the_variable_is_named_like_the_topic() -> None:
+    signal = '<signal id="O" name="Order received"/>'
+    listens = (
+        f'<startEvent id="s">{properties(type="std_msgs/msg/Int32")}<signalEventDefinition signalRef="O"/></startEvent>'
+    )
+    asks = '<scriptTask id="k"><script>if 2 > Order_received: signal("Order received", 2)</script></scriptTask>'
+    flow = '<sequenceFlow id="f" sourceRef="s" targetRef="k"/>'
+    run = Simulation(read_text(process(listens + asks + flow, signal), file="m.bpmn"))
+    run.run().signal("Order received", 1)
+    assert [one.variables["Order_received"] for one in run.instances] == [1, 2]
+
+
+def test_two_names_of_one_topic_are_an_error_in_called_processes_too() -> None:
+    other = throw("c", definition='<signalEventDefinition signalRef="N"/>')
+    caller = f'<process id="A"><startEvent id="s"/><callActivity id="k" calledElement="B"/>{throw("t")}</process>'
+    text = f'{caller}<process id="B"><startEvent id="r"/>{other}</process>{ROOTS}<signal id="N" name="weed found"/>'
+    with pytest.raises(ModelError) as caught:
+        Simulation(read_text(document(text), file="m.bpmn"), process="A")
+    assert str(caught.value).endswith(
+        "c: the name 'weed found' and that of t, 'weed_found', are the same topic /weed_found: "
+        "expected names that differ in letters and digits, or one name"
+    )
+
+
+def test_a_topic_that_is_written_literally_may_also_have_a_name() -> None:
+    other = throw("c", definition='<signalEventDefinition signalRef="N"/>')
+    text = f'<process id="A">{throw("t")}{other}</process>{ROOTS}<signal id="N" name="/weed_found"/>'
+    assert list(topic_table(read_text(document(text)))) == ["/weed_found"]
+
+
+def test_private_topics_of_two_robots_may_have_two_names() -> None:
+    private, other = properties(scope="robot"), '<signalEventDefinition signalRef="N"/>'
+    two = [f'<process id="{id}">{one}</process>' for id, one in
+           (("A", throw("t", private)), ("B", throw("c", private, other)))]  # fmt: skip
+    text = document("".join(two) + ROOTS + '<signal id="N" name="weed found"/>')
+    assert list(topic_table(read_text(text))) == ["~/weed_found"]
 
 
 def test_the_name_of_a_message_is_told_as_such() -> None:

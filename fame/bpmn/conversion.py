@@ -149,8 +149,9 @@ def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> No
         for topic, element in zip(topics, drawn, strict=False):
             kind = _KINDS.get(element.tag, "message")
             referred = by_id.get(element.get(f"{kind}Ref", "").rpartition(":")[2])
-            if (referred is None or referred.get("name", "").strip() != topic.name) and topic.name != node.id:
-                element.set(f"{kind}Ref", _named(root, kind, topic.name))
+            name = topic.label or topic.name
+            if (referred is None or referred.get("name", "").strip() != name) and name != node.id:
+                element.set(f"{kind}Ref", _named(root, kind, name))
 
 
 def _named(root: Node, kind: str, name: str) -> str:

@@ -82,8 +82,8 @@ def topic_table(
     `types`: types given elsewhere, by qualified name, for topics to which these processes give none.
 
     A private topic (``~/odom``) is a different one on each robot: where types matter, pass the processes of one robot.
-    Raises ModelError if two events of a topic (of a private one: in one process) give different types, or if an event
-    sends a payload and the topic has no type.
+    Raises ModelError if two events of a topic (of a private one: in one process) give different types or have different
+    names of which it is made, or if an event sends a payload and the topic has no type.
     """
     files = (definitions,) if isinstance(definitions, Definitions) else definitions
     wanted = None if processes is None else frozenset(processes)
@@ -118,12 +118,27 @@ def _gather(file: Definitions, process: Process, ends_by_topic: dict[str, _Ends]
             (ends.throws if throws else ends.catches).append(end)
 
 
+def name_conflict(topic: str, label: str, other: str, first: str) -> str:
+    """Return the error of an end whose name makes the topic that another end (as it is displayed) makes of another."""
+    text = f"the name {label!r} and that of {other}, {first!r}, are the same topic {topic}"
+    return f"{text}: expected names that differ in letters and digits, or one name"
+
+
+def _together(topic: str, end: TopicEnd, other: TopicEnd) -> bool:
+    """Whether two ends of this name have one topic: a private topic of another robot is another one."""
+    return topic[0] == "/" or (end.file, end.process) == (other.file, other.process)
+
+
 def _use(name: str, ends: _Ends, default_type: str | None) -> TopicUse:
     all_ends = [*ends.throws, *ends.catches]
+    labelled = [end for end in all_ends if end.topic.label]
+    for end in labelled[1:]:
+        if end.topic.label != labelled[0].topic.label and _together(name, end, labelled[0]):
+            text = name_conflict(name, end.topic.label, labelled[0].node.display_name, labelled[0].topic.label)
+            raise ModelError.at(end.node, text, file=end.file)
     typed = [end for end in all_ends if end.topic.type is not None]
     for end in typed[1:]:
-        together = name[0] == "/" or (end.file, end.process) == (typed[0].file, typed[0].process)
-        if end.topic.type != typed[0].topic.type and together:
+        if end.topic.type != typed[0].topic.type and _together(name, end, typed[0]):
             there = f"{typed[0].node.display_name} says {typed[0].topic.type}"
             raise ModelError.at(
                 end.node,

@@ -24,6 +24,7 @@ from fame.scripting import ScriptTopic, script_topics
 class TopicEndpoint:
     """An element that publishes or subscribes to a topic. `topic` is None for a script, `line` that of the text.
 
+    `label`: the name that the topic is made of, empty if it is written literally.
     `tries`: the script may catch the error of a wrong type.
     """
 
@@ -36,6 +37,7 @@ class TopicEndpoint:
     topic: Topic | None = None
     payload: Expression | None = None
     tries: bool = False
+    label: str = ""
 
     def finding(self, level: Level, text: str) -> Finding:
         return self.process.finding(level, text, self.node, self.line)
@@ -73,7 +75,9 @@ def endpoints_of(process: CheckedProcess) -> Iterator[TopicEndpoint]:
 def _drawn(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
     for topic, throws in node.topics():
         sent = topic.payload if throws else None
-        yield TopicEndpoint(process, node, topic.qualified, topic.type, throws, node.line, topic, sent)
+        yield TopicEndpoint(
+            process, node, topic.qualified, topic.type, throws, node.line, topic, sent, label=topic.label
+        )
 
 
 def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
@@ -82,7 +86,8 @@ def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint
     for topic in topics_in_script(node):
         if topic.direction not in ("call", "act"):
             throws = topic.direction == "publish"
-            yield TopicEndpoint(process, node, topic.qualified, topic.full_type, throws, topic.line, tries=tries)
+            name, type = topic.qualified, topic.full_type
+            yield TopicEndpoint(process, node, name, type, throws, topic.line, tries=tries, label=topic.label)
 
 
 def topics_in_script(node: FlowNode) -> Sequence[ScriptTopic]:

@@ -39,6 +39,7 @@ from fame.check.variables import parameters
 from fame.engine.data import variable_name
 from fame.middleware import messages
 from fame.scripting.analysis import identifiers_of
+from fame.text import ros_name
 
 ReadingKind = Literal["form", "topic", "data", "parameter", "call", "script", "quirk", "semantics"]
 KINDS: tuple[ReadingKind, ...] = ("form", "topic", "data", "parameter", "call", "script", "quirk", "semantics")
@@ -103,10 +104,11 @@ def _notes(home: Definitions) -> Iterator[ReadingDetail]:
 
 
 def _topic(end: TopicEndpoint, type: str) -> str:
+    name = end.name if ros_name(end.label) == end.label else f"{end.name} ({end.label!r})"
     if end.topic is None:
-        return f"its script {'publishes' if end.throws else 'subscribes to'} {end.name}, {type}"
+        return f"its script {'publishes' if end.throws else 'subscribes to'} {name}, {type}"
     origin = "" if end.type else " (not declared)" if type == EMPTY_TYPE else " (declared elsewhere)"
-    head = f"{'throws' if end.throws else 'catches'} {end.name}, {type}{origin}"
+    head = f"{'throws' if end.throws else 'catches'} {name}, {type}{origin}"
     if end.throws:
         sent = f"payload {_shown(end.payload)}" if end.payload is not None else "a message of default values"
         return f"{head}, {sent}"

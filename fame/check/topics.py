@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
 from fame.bpmn.model import Expression, FlowNode, Topic
-from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, topic_table
+from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, name_conflict, topic_table
 from fame.check.endpoints import (
     TopicEndpoint,
     Topics,
@@ -32,7 +32,7 @@ from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name
-from fame.text import NAMES, is_ros_name
+from fame.text import ros_name, wrong_topic
 
 
 def check_topic_types(scope: CheckScope) -> Iterator[Finding]:
@@ -74,16 +74,16 @@ def _judged(topics: Topics, remote: bool) -> Iterator[Finding]:
 
 
 def _names(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
-    """Topics that are not valid in ROS 2: no middleware makes them."""
-    if not is_ros_name(name.removeprefix("~")):
-        text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
+    """Topics that are not valid in ROS 2: no middleware makes them. Names that are not those of their topic."""
+    if text := wrong_topic(name, ends[0].label):
         yield ends[0].finding("error", text)
-    labelled = [(end, end.topic.label) for end in ends if end.topic is not None and end.topic.label]
-    for end, label in labelled[1:]:
-        other, first = labelled[0]
-        if label != first:
-            text = f"the label {label!r} and that of {other.node.id}, {first!r}, are the same topic {name}"
-            yield end.finding("error", f"{text}: expected labels that differ in letters and digits")
+    labelled = [end for end in ends if end.label]
+    if labelled and not text and ros_name(labelled[0].label) != labelled[0].label:
+        yield labelled[0].finding("note", f"the name {labelled[0].label!r} becomes the topic {name}")
+    for end in labelled[1:]:
+        if end.label != labelled[0].label:
+            text = name_conflict(name, end.label, labelled[0].node.display_name, labelled[0].label)
+            yield end.finding("error", text)
 
 
 def _types(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ import re
 from typing import NamedTuple, NoReturn
 
 from fame.properties.sentence import NOWHERE, Comparison, FieldTest, Location, Occurrence, Property, Value, Verb, Word
-from fame.text import suggestion
+from fame.text import suggestion, topic_of
 
 _TOKEN = re.compile(
     r'\s*(?:(?P<text>"(?:[^"\\]|\\.)*")|(?P<topic>~?(?:/[A-Za-z_]\w*)+)|(?P<number>-?\d+(?:\.\d+)?(?:[eE]-?\d+)?)'
@@ -206,11 +206,11 @@ class _Parser:
     def _object(self, verb: Verb, robot: _Token, some: bool) -> tuple[Verb, Word, str | None, tuple[FieldTest, ...]]:
         """Verb, target, error code and conditions of an event."""
         if verb in ("throws", "catches"):
-            if self._next.kind != "topic":
-                self._expected("a topic, as in /weed_found")
-            topic = self._take()
+            if self._next.kind not in ("topic", "text"):
+                self._expected('a topic, as in /weed_found or "Weed found"')
+            topic = self._quoted() if self._next.kind == "text" else Word(self._next.text, self._take().offset)
             where = self._where(verb) if self._is("where") else ()
-            return verb, Word(topic.text, topic.offset), None, where
+            return verb, Word(topic_of(topic.text), topic.offset), None, where
         if verb == "reports":
             return verb, self._quoted() if self._next.kind == "text" else Word("", robot.offset), None, ()
         located = verb in ("fails", "is cancelled") and not self._is("at", "most") and self._skip("at")

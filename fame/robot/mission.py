@@ -15,7 +15,7 @@ from fame.errors import ModelError
 from fame.randomness import RANDOM_MODULES
 from fame.robot.timers import Missed
 from fame.scripting import ScriptTopic, imported_modules, script_topics
-from fame.text import NAMES, is_ros_name
+from fame.text import wrong_topic
 
 Retry = Literal["safe", "never", "ask"]
 RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
@@ -131,8 +131,8 @@ def make_mission(
     types = topics_of_processes(closure, types=elsewhere, acknowledged=acknowledged)
     for name, use in types.items():
         computed = has_placeholders(name) or name.lstrip("~/").startswith("=")  # told when its event is compiled
-        if not computed and not is_ros_name(name.removeprefix("~")):
-            end = (*use.throws, *use.catches)[0]
-            text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
+        end = (*use.throws, *use.catches)[0]
+        text = "" if computed else wrong_topic(name, end.topic.label)
+        if text:
             raise ModelError.at(end.node, text, file=end.file)
     return Mission(definitions=definitions, process=process, library=library, types=types, services=services or {})

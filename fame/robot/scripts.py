@@ -21,6 +21,7 @@ from fame.robot.options import RobotOptions
 from fame.scripting import Robot, Runner, another
 from fame.scripting.interface import interface
 from fame.scripting.languages import HOST_API, MISSING
+from fame.text import topic_of
 
 if TYPE_CHECKING:
     from fame.scripting.javascript import HostApi
@@ -139,7 +140,7 @@ class Scripts:
 
     def _signal(self, name: str, payload: Any = None) -> None:
         """``signal("done", True)`` in a script."""
-        full = resolve(name if name.startswith(("/", "~/")) else f"/{name}", self._namespace)
+        full = resolve(topic_of(name), self._namespace)
         known = self._endpoints.type(full)
         if known is None and payload is not None:
             raise MessageError(f"topic {full}: its type is unknown; use robot.publish, which names one")

@@ -19,7 +19,7 @@ from fame.config.loader import read_document
 from fame.config.values import Source
 from fame.engine.data import is_variable
 from fame.errors import ConfigError, MessageError
-from fame.text import similar_file
+from fame.text import similar_file, topic_of
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
@@ -300,9 +300,7 @@ def _signal(value: ConfigValue) -> tuple[OutsideSignal, str]:
             raise value.error(f"expected the key {key}, as in {_SIGNAL}")
     name = keys["name"].text()
     payload = keys["payload"].data if "payload" in keys else None
-    return OutsideSignal(
-        name if name.startswith("/") else f"/{name}", keys["at"].number(minimum=0), payload
-    ), value.path
+    return OutsideSignal(topic_of(name), keys["at"].number(minimum=0), payload), value.path
 
 
 def _completion(value: ConfigValue) -> tuple[Completion, str]:

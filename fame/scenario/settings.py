@@ -14,7 +14,7 @@ from fame.check.variables import parameters
 from fame.config.values import Source
 from fame.errors import ConfigError
 from fame.middleware.network import Delay, Link, NetworkConfig, Partition, names
-from fame.text import suggestion
+from fame.text import suggestion, topic_of
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
@@ -55,8 +55,7 @@ def _own_link(value: ConfigValue) -> Link:
     if "between" in keys:
         link = replace(link, between=_pair(keys["between"]))
     if "topic" in keys:
-        topic = keys["topic"].text()
-        link = replace(link, topic=topic if topic.startswith("/") else f"/{topic}")
+        link = replace(link, topic=topic_of(keys["topic"].text()))
     return link
 
 

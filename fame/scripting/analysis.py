@@ -10,7 +10,7 @@ import ast
 import re
 import symtable
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, cast
 
@@ -19,6 +19,7 @@ from fame.scripting.interface import interface
 from fame.scripting.languages import parse_expression
 from fame.scripting.python import called_name, compile_python, parse_python
 from fame.scripting.transforms import TF, TOPICS
+from fame.text import label_of, topic_of
 
 # ---- variables -------------------------------------------------------------------------------------------------------
 
@@ -167,13 +168,14 @@ _TOPIC_WORDS = ("receive", "robot", "signal")
 class ScriptTopic:
     """A topic as a script names it (relative to its robot), or a service or an action.
 
-    `type` is None if the script does not give it.
+    `type` is None if the script does not give it; `label` is the name that is thrown, if the topic is made of it.
     """
 
     name: str
     direction: Direction
     type: str | None = None
     line: int = 0
+    label: str = field(default="", compare=False, repr=False)
 
     @property
     def qualified(self) -> str:
@@ -198,9 +200,9 @@ def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
         return ()
     calls = [node for node in ast.walk(parse_python(expression)) if isinstance(node, ast.Call)]
     calls.sort(key=lambda call: (call.lineno, call.col_offset))
-    found: dict[tuple[str, Direction, str | None], ScriptTopic] = {}
+    found: dict[tuple[str, str, Direction, str | None], ScriptTopic] = {}
     for topic in (topic for call in calls for topic in _topics(call)):
-        found.setdefault((topic.name, topic.direction, topic.type), topic)
+        found.setdefault((topic.name, topic.label, topic.direction, topic.type), topic)
     return tuple(found.values())
 
 
@@ -220,7 +222,7 @@ def _topics(call: ast.Call) -> Iterator[ScriptTopic]:
     if direction is None or name is None:
         return
     if called == "signal":
-        yield ScriptTopic(name if name.startswith(("/", "~/")) else f"/{name}", direction, None, call.lineno)
+        yield ScriptTopic(topic_of(name), direction, None, call.lineno, label_of(name))
     else:
         yield ScriptTopic(name, direction, _argument(call, 1, "type"), call.lineno)
 

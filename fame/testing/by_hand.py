@@ -30,6 +30,7 @@ from fame.scenario.run import Run
 from fame.testing.failure import failure
 from fame.testing.manual_robots import HeldNetwork, StandInHost, stand_ins
 from fame.testing.mission import MissionUnderTest
+from fame.text import topic_of
 
 
 class _RunByHand(Run):
@@ -131,17 +132,17 @@ class MissionByHand(MissionUnderTest):
         """Deliver the next message on a topic to a robot: ``arrive("DINGO", "/target_found")``."""
         __tracebackhide__ = True
         robot, topic = self._split(where)
-        arrive = self.by_hand.mail.take(robot, _full(topic))
+        arrive = self.by_hand.mail.take(robot, topic_of(topic))
         if arrive is not None:
             arrive()
-        return self._done(robot, f"a message on {_full(topic)} on its way to it", arrive is not None)
+        return self._done(robot, f"a message on {topic_of(topic)} on its way to it", arrive is not None)
 
     def lose(self, *where: str) -> MissionByHand:
         """Lose the next message on a topic to a robot."""
         __tracebackhide__ = True
         robot, topic = self._split(where)
-        lost = self.by_hand.mail.take(robot, _full(topic))
-        return self._done(robot, f"a message on {_full(topic)} on its way to it", lost is not None)
+        lost = self.by_hand.mail.take(robot, topic_of(topic))
+        return self._done(robot, f"a message on {topic_of(topic)} on its way to it", lost is not None)
 
     def fire(self, *where: str) -> MissionByHand:
         """Fire the timer of an event: ``fire("REX", "Timeout")``."""
@@ -275,7 +276,3 @@ class MissionByHand(MissionUnderTest):
             moved = True
         self.settle()
         return moved
-
-
-def _full(topic: str) -> str:
-    return topic if topic.startswith(("/", "~/")) else f"/{topic}"

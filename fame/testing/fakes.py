@@ -17,7 +17,7 @@ from fame.middleware.interface import SIGNAL, AnyMessage, DeferredResponse, Node
 from fame.middleware.local import LocalClient, LocalNode
 from fame.testing.series import read_recorded, read_series
 from fame.testing.trace import TraceStep
-from fame.text import suggestion
+from fame.text import ros_name, suggestion
 
 if TYPE_CHECKING:
     from fame.testing.mission import MissionUnderTest
@@ -72,7 +72,7 @@ class Fakes:
 
 
 def _full(name: str) -> str:
-    return name if name.startswith("/") else f"/{name}"
+    return f"/{ros_name(name).removeprefix('/')}"
 
 
 class FakeTopic:

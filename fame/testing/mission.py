@@ -40,7 +40,7 @@ from fame.testing.late_recording import LateFile
 from fame.testing.stubs import Stub, StubLibrary
 from fame.testing.taken_over import TakenOver
 from fame.testing.trace import Trace
-from fame.text import suggestion
+from fame.text import suggestion, topic_of
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration
@@ -476,7 +476,7 @@ class MissionUnderTest:
         rest = given[1:] if robot else given
         if not rest or len(rest) > 2 or not isinstance(rest[0], str) or (len(rest) == 2 and fields):
             raise ConfigError(f"expected a topic and its payload or fields, got {', '.join(map(repr, given))}")
-        topic = rest[0] if rest[0].startswith(("/", "~/")) else f"/{rest[0]}"
+        topic = topic_of(rest[0])
         return robot, topic, rest[1] if len(rest) == 2 else dict(fields) or None
 
     def _split(self, where: Sequence[str]) -> tuple[str, str]:

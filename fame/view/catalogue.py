@@ -175,7 +175,10 @@ class Catalogue:
         if isinstance(element, SequenceFlow):
             values["condition"] = element.condition.text if element.condition is not None else ""
         if isinstance(element, FlowNode):
-            values["topics"] = [[topic.qualified, "throw" if throws else "catch"] for topic, throws in element.topics()]
+            values["topics"] = [
+                [topic.qualified, "throw" if throws else "catch", *([topic.label] if topic.is_renamed else [])]
+                for topic, throws in element.topics()
+            ]
             values["script"] = element.script.text if element.script is not None else ""
             values["uses"] = _progress_names(element)
             inside = self._body(body)

@@ -146,7 +146,7 @@ class IoMapping:
 class Topic:
     """The topic of a signal or message event, with the properties that this event gives it.
 
-    name     as drawn: ``weed_found`` (global), ``~/odom`` (in the robot's namespace); see `qualified`
+    name     as ROS 2 allows it: ``weed_found`` (global), ``~/odom`` (in the robot's namespace); see `qualified`
     type     ``pkg/msg/Type``, None if this event gives no type
     payload  of a throw event: flow-style YAML/JSON with ``${...}``; None without payload
     queue    of a catch event: number of messages kept from the start of its scope on; 0 for none
@@ -154,7 +154,7 @@ class Topic:
     qos      policy -> value
     to       of a thrown message: name of the receiving robot; None for all robots
     takes    of a catch event: explicit mapping of the caught message (``msg`` in its expressions); may be empty
-    label    the label or id that `name` was made of; empty if the file gives the name itself
+    label    the name, label or id that `name` is made of; empty for a topic that is written literally
     """
 
     name: str
@@ -175,6 +175,11 @@ class Topic:
         if self.private or self.name.startswith("~/"):
             return "~/" + name.lstrip("/")
         return "/" + name.lstrip("/")
+
+    @property
+    def is_renamed(self) -> bool:
+        """Whether ROS 2 does not allow the name that people gave it."""
+        return self.label not in ("", self.name)
 
 
 # ---- event definitions -----------------------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ from typing import Literal, TypeVar
 from fame.bpmn.model import ModelFault, Note
 from fame.bpmn.reader.xml import Node, line_of, local_name, resolve
 from fame.errors import ModelError
-from fame.text import ros_name
 
 T = TypeVar("T")
 
@@ -63,14 +62,6 @@ class Context:
         """Record a remark that does not prevent execution."""
         id, name = id_and_name(element)
         self.notes.append(Note(level, text, id, line_of(element), quirk, name))
-
-    def name_of_label(self, element: Node, label: str) -> str:
-        """Return the name of the topic of a label or id, alike on every middleware."""
-        name = ros_name(label)
-        if name.strip("~/") in ("", label.strip("~/")):
-            return label
-        self.note(element, f"the topic is {name!r}: ROS 2 allows no name like the label {label!r}", quirk=True)
-        return name
 
     def quirk(self, element: Node, text: str) -> None:
         """Record how a peculiarity of the tool that wrote the file is read."""

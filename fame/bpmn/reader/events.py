@@ -41,6 +41,7 @@ from fame.bpmn.reader.xml import (
     resolve,
     text_of,
 )
+from fame.text import label_of, ros_name
 
 THROWS: tuple[str, ...] = ("throw", "end")
 
@@ -122,16 +123,14 @@ def read_topic(
     if referred is not None and local_name(referred) != kind:
         node.fault(f"{kind}Ref {reference!r} is a {local_name(referred)}: expected a {kind}")
     name = _topic_name(node, kind, referred, properties)
-    if has_placeholders(name) or name.startswith("="):
+    computed = has_placeholders(name) or name.startswith("=")
+    if computed:
         text = f"the name {name!r} is computed: give a fixed name, since topics are created before the process runs"
         node.fault(text)
     if not name or (reference and name == node.label and not (referred is not None and _name(referred))):
         name = _default_topic_name(node, kind, reference, referred)
-    label = "" if node.extensions.topic or (referred is not None and name == _name(referred)) else name
-    if label:
-        name = node.context.name_of_label(node.element, name)
     topic = Topic(
-        name=name,
+        name=name if computed else ros_name(name),
         type=properties.type or _item_type(node.context, referred),
         payload=properties.payload if source.place in THROWS else None,
         to=_addressee(source, element, kind, properties),
@@ -140,7 +139,7 @@ def read_topic(
         private=properties.private,
         qos=properties.qos,
         takes=source.takes,
-        label=label,
+        label="" if computed else label_of(name),
     )
     if topic.ttl and not topic.qualified.startswith("/"):
         node.fault(f"delivery='acknowledged': no other robot catches {topic.qualified}, a topic of one robot")
@@ -172,7 +171,7 @@ def _default_topic_name(node: NodeReader, kind: str, reference: str | None, refe
 
 
 def _name(element: Node) -> str:
-    return element.get("name", "").strip()
+    return " ".join(element.get("name", "").split())
 
 
 def _topic_name(node: NodeReader, kind: str, referred: Node | None, properties: TopicProperties) -> str:

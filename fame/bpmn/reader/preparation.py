@@ -131,8 +131,7 @@ def _use_one_message(context: Context, root: Node, flow: Node, sender: Node, rec
     message = receiver.get("messageRef") or flow.get("messageRef") or sender.get("messageRef")
     if not message:
         message = f"{_element(receiver).get('id')}_message"
-        label = " ".join(_element(receiver).get("name", "").split()) or _element(receiver).get("id", "")
-        name = context.name_of_label(_element(receiver), label)
+        name = " ".join(_element(receiver).get("name", "").split()) or _element(receiver).get("id", "")
         root.insert(0, etree.Element(f"{{{BPMN}}}message", {"id": message, "name": name}))
     sent = sender.get("messageRef")
     if sent and sent != message:

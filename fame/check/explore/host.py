@@ -36,6 +36,7 @@ from fame.middleware import typesystem
 from fame.middleware.definitions import Field
 from fame.scripting import compile_expression, compile_script, script_names
 from fame.scripting.interface import interface
+from fame.text import topic_of
 
 Flag = tuple[str, str]
 """Something to report of a step: (kind, detail)."""
@@ -472,8 +473,7 @@ class ExplorationHost:
         return number
 
     def _signal(self, name: str, payload: Any = None) -> None:
-        text = str(name)
-        self._emit(text if text.startswith(("/", "~/")) else f"/{text}", payload)
+        self._emit(topic_of(str(name)), payload)
 
     def _emit(self, topic: str, value: Any) -> None:
         message = self.publish(topic, value)

@@ -324,7 +324,7 @@ export class Inspector {
       h("button", { title: "Close", onclick: () => this.app.select({ element: -1 }) }, icon("close"))),
     h("div", { cls: "quiet" }, `${element.tag.replace(/([A-Z])/g, " $1").toLowerCase()} · ${element.id}`),
     element.source ? h("div", null, element.source) : null,
-    element.topics ? h("div", null, element.topics.map(([topic, way]) => h("div", null, way === "throw" ? "publishes " : "receives ", h("code", null, topic)))) : null,
+    element.topics ? h("div", null, element.topics.map(([topic, way, name]) => h("div", null, way === "throw" ? "publishes " : "receives ", h("code", null, topic), name ? ` (${name})` : ""))) : null,
     element.condition ? h("div", null, "condition ", h("code", null, element.condition)) : null,
     this.app.acts.atElement(state, number, selected.robot),
     findings.map((one) => h("div", { cls: `found ${one.severity}` }, h("b", null, one.severity), ` ${one.text}`)),
