@@ -260,6 +260,15 @@ for number in range(3):
 RANGE = "sensor_msgs/msg/Range"
 
 
+def test_a_fake_topic_and_a_signal_are_named_as_in_the_diagram(mission: MissionLoader, tmp_path: Path) -> None:
+    text = 'both = [(await receive("/All_done", "std_msgs/msg/Int32")).data for _ in "ab"]'
+    task = f'<scriptTask id="t"><script>{text}</script></scriptTask>'
+    m = mission.load(one(tmp_path, f'<startEvent id="s"/>{task}<endEvent id="e"/>' + flows("st", "te")))
+    m.fake_topic("All done", "std_msgs/msg/Int32", series={1: 7})
+    m.advance(2).signal("All done!", data=8)
+    m.expect().completed().has(both=[7, 8])
+
+
 @pytest.mark.parametrize("way", ["values", "series", "csv"])
 def test_a_fake_topic_says_its_values_at_their_times(mission: MissionLoader, tmp_path: Path, way: str) -> None:
     table = tmp_path / "range.csv"
