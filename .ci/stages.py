@@ -32,7 +32,7 @@ ROOT = Path(__file__).parent.parent
 ROS = Path(os.environ.get("ROS_SETUP") or ROOT.parent / "shared" / "ros2")
 LONGEST = 45 * 60
 """After how long a stage is ended (s)."""
-MOST_CHANGED = 2
+MOST_CHANGED = 1
 """How many stages a landing has for what changed: more are left to the night."""
 
 BARE = [sys.executable, ".ci/stage.py", "--bare"]
