@@ -457,6 +457,7 @@ def test_a_grid_may_vary_the_classifiers_that_are_tried_without_any_named(tmp_pa
     assert [candidate.parameters["gamma"] for candidate in expand_candidates(load(tmp_path / "a.yaml"))] == [1, 2]
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_every_classifier_that_may_be_named_is_the_same_each_time_and_comes_back_from_its_file(tmp_path: Path) -> None:
     random = np.random.default_rng(0)

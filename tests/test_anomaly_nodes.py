@@ -47,6 +47,7 @@ class Arm:
         return OperateNode(self.middleware, self.scheduler, RunMonitor(path_model(), **options), arm)
 
 
+@pytest.mark.long
 @needs_data
 def test_benign_runs_pass_and_a_sabotaged_one_raises_the_signal_once():
     arm = Arm()

@@ -71,6 +71,7 @@ def test_an_attack_stands_out_along_the_path(tmp_path: Path) -> None:
     assert pixels(tmp_path / "attack.png", ANOMALOUS_COLOUR) > 100
 
 
+@pytest.mark.long
 def test_a_matrix_is_drawn_for_each_classifier(tmp_path: Path) -> None:
     one = ConfusionMatrix(20, 0, 30, 0)
     matrices(tmp_path / "one.png", [("svm", one)])

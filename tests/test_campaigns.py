@@ -370,6 +370,7 @@ def test_the_page_escapes_what_it_shows() -> None:
 # ---- the command -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_command_writes_rows_and_reports(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

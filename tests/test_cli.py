@@ -322,6 +322,7 @@ def test_an_interruption_of_the_first_import_is_one(monkeypatch: pytest.MonkeyPa
     assert capsys.readouterr().err == "fame: interrupted\n"
 
 
+@pytest.mark.long
 def test_an_interruption_of_tests_has_its_code_and_an_error_of_collection_has_not(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text("import signal\ndef test_it(): signal.raise_signal(signal.SIGINT)\n")
     assert fame_test(str(tmp_path))[0] == 130
@@ -329,6 +330,7 @@ def test_an_interruption_of_tests_has_its_code_and_an_error_of_collection_has_no
     assert fame_test(str(tmp_path))[0] == 1
 
 
+@pytest.mark.long_but("2>*")
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_a_closed_stream_is_no_fault_of_the_command(closed: str) -> None:
     words = f"{sys.executable} -m fame check models/ground_vehicles.bpmn {closed}"

@@ -88,6 +88,7 @@ def test_their_tests_pass_and_cover_them() -> None:
     assert code == 0, shown
 
 
+@pytest.mark.long
 def test_their_tests_notice_a_fault(tmp_path: Path) -> None:
     assert [*FAULTS] == PATTERNS
     for pattern, (right, wrong) in FAULTS.items():

@@ -87,6 +87,7 @@ def test_an_arm_that_is_held_stays_and_goes_home_before_it_cuts_again() -> None:
     assert np.abs(np.diff(cell.angles, axis=0)).max() < 0.04  # rad: it never jumps
 
 
+@pytest.mark.long
 def test_another_program_spoils_the_parts_that_follow() -> None:
     cell = Cell()
     cell.tell("program", "b 0.5")

@@ -121,6 +121,7 @@ def test_the_drone_finds_the_weeds_and_the_closest_tractors_cut_them(agriculture
     assert len(times(events, "Drone", "Weed_Found")) == 3
 
 
+@pytest.mark.long
 def test_the_survey_goes_on_where_it_was_after_a_weed(agriculture: tuple[Result, list[Event]]) -> None:
     result, events = agriculture
     found, chosen = times(events, "Drone", "Weed_Found"), times(events, "Drone", "Weed_Choose")

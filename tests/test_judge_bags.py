@@ -44,6 +44,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_trained_model_judges_a_bag(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = own_data.run(5001, "stuck")
     bag = write_bag(tmp_path / "bag", own_data.NAMES, 100 + run.stamps, run.values, field="effort")

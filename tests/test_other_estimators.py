@@ -33,6 +33,7 @@ def run(seed: int, *, pushed: float = 0.0) -> Samples:
     return Samples(values, index / 100, ("a", "b"))
 
 
+@pytest.mark.long
 def test_a_class_of_scikit_learn_trains_with_a_promise_and_a_card(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write_runs(tmp_path / "runs.csv", [run(seed) for seed in range(12)])
     section = {"Files": ["runs.csv"], "Detector": FOREST, "Parameters": {"n_estimators": 20}, "Window": 10}

@@ -71,6 +71,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "site-packages"
 
 
+@pytest.mark.long
 def test_a_wheel_holds_fame_robots_and_sim2d_and_nothing_else(installed: Path) -> None:
     about = f"fame_robots-{fame.__version__}.dist-info"
     assert {path.name for path in installed.iterdir()} == {"fame", "robots", "sim2d", about}

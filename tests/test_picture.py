@@ -59,6 +59,7 @@ def test_a_picture_shows_ground_obstacles_targets_ways_and_leds(record, tmp_path
             assert share(image, colour) > 1e-4
 
 
+@pytest.mark.long
 def test_a_picture_of_a_world_that_has_just_begun_shows_the_world(tmp_path):
     g = ground(walls=False)
     recorder = WorldRecorder(g.world)
@@ -175,6 +176,7 @@ def test_an_arm_that_is_held_in_its_work_shows_a_red_light():
     assert (look.led, look.note) == ("red", "held in part 1")
 
 
+@pytest.mark.long
 def test_an_arm_carries_the_lid_in_jaws_that_close(tmp_path):
     g = arm("ur5e", 0.002)
     recorder, robot = WorldRecorder(g.world), g.world.robots["Arm"]
@@ -224,6 +226,7 @@ def test_an_arm_that_is_stopped_on_its_way_shows_a_red_light_until_it_goes_on():
 # ---- batteries -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long_but("drone")
 @pytest.mark.parametrize("kind", ["tractor", "drone"])
 def test_an_empty_battery_is_seen_and_told(kind, tmp_path):
     shares = []

@@ -173,6 +173,7 @@ def test_a_loaded_simulation_repeats_nothing_and_is_the_same_each_time(tmp_path:
 DRAWING = MISSION.replace("count = 1", "count = robot.random.random()")
 
 
+@pytest.mark.long
 def test_engines_draw_new_seeds_which_their_recordings_contain_and_a_given_seed_repeats(tmp_path: Path) -> None:
     counts = []
     for number, seed in enumerate([None, None, 7, 7]):

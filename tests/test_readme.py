@@ -62,6 +62,7 @@ def test_a_page_is_read_in_ten_minutes() -> None:
     assert {name: count for name, count in words.items() if count > (2500 if name in LOOKED_UP else 2000)} == {}
 
 
+@pytest.mark.long
 def test_the_python_of_the_page_runs_and_gives_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     (code,) = blocks("docs/python.md", "python")

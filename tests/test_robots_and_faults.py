@@ -53,7 +53,7 @@ def test_the_seed_places_them() -> None:
     assert places(1)[:4] == places(2)[:4]
 
 
-@pytest.mark.long_but("1")
+@pytest.mark.long
 @pytest.mark.parametrize("count", [1, 2, 12])  # three are the example, which test_agriculture runs
 def test_the_model_is_the_same_for_any_number(count: int) -> None:
     result = load(robots={"tractor": count}).run()
@@ -112,6 +112,7 @@ def test_an_engine_that_dies_says_nothing_more_and_the_others_go_on() -> None:
     assert "Tractor_1" not in cut
 
 
+@pytest.mark.long
 def test_a_tractor_without_an_engine_is_braked_by_its_watchdog() -> None:
     early = load(faults=[Fault("Tractor_1", 20.0, "engine")], duration=25.0).run().world
     late = load(faults=[Fault("Tractor_1", 20.0, "engine")], duration=60.0).run().world

@@ -78,6 +78,7 @@ def test_the_packages_of_the_wheel_are_installed_and_the_models_inside_fame() ->
     assert wheel["force-include"] == {"models": "fame/models", "examples": "fame/examples"}
 
 
+@pytest.mark.long
 def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
     commands = words(r"foreach\(command ([\w -]+)\)")
     assert "engine" in commands

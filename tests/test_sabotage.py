@@ -27,6 +27,7 @@ def result(tree: Path) -> Result:
     return Scenario.load(tree / "examples" / "sabotage.yaml").run()
 
 
+@pytest.mark.long
 def test_the_mission_completes_with_one_part_spoiled(result: Result) -> None:
     assert result.status == "completed"
     assert result.world is not None
@@ -35,10 +36,12 @@ def test_the_mission_completes_with_one_part_spoiled(result: Result) -> None:
     assert 12 < arm["parts"] < 40
 
 
+@pytest.mark.long
 def test_its_properties_hold(result: Result) -> None:
     assert [each.verdict for each in result.judgements] == ["holds"] * 3
 
 
+@pytest.mark.long
 def test_the_alarm_says_which_part_and_how_many_are_good_and_spoiled(result: Result) -> None:
     assert result.world is not None
     good = result.world["robots"]["Arm"]["parts"]
@@ -48,6 +51,7 @@ def test_the_alarm_says_which_part_and_how_many_are_good_and_spoiled(result: Res
     assert f"{good} parts are good, 1 is spoiled" in said[0]
 
 
+@pytest.mark.long
 def test_all_parts_before_are_judged_benign(result: Result) -> None:
     judged = [
         report.detail for report in result.reports if report.detail.startswith("run ") and "score" in report.detail
@@ -58,6 +62,7 @@ def test_all_parts_before_are_judged_benign(result: Result) -> None:
     assert all(verdicts[:-1])
 
 
+@pytest.mark.long
 def test_what_was_recorded_and_learned_stays(result: Result, tree: Path) -> None:
     assert {path.name for path in (tree / "out" / "sabotage").iterdir()} == {
         "good.csv", "good.skops", "good.card.md", "good.card.json",

@@ -216,6 +216,7 @@ def test_a_script_that_loops_for_ever_is_ended_and_its_robot_fails(tmp_path):
     assert result.robots[1].errors[0].code == "script"
 
 
+@pytest.mark.long
 def test_a_script_that_waits_for_what_nobody_publishes_ends_with_the_duration(tmp_path):
     result = run(with_fire(tmp_path, 'await receive("silence", "std_msgs/msg/Bool")'))
     assert (result.status, result.exit_code, result.simulated) == ("timeout", 1, 60.0)

@@ -72,6 +72,7 @@ def test_a_module_that_is_skipped_is_a_skip(tmp_path: Path) -> None:
     assert done.returncode != 0
 
 
+@pytest.mark.long
 def test_a_test_of_processes_that_passes_alone_is_flaky(tmp_path: Path) -> None:
     code, lines = stage(tmp_path, flaky=2)
     assert (code, lines[1:]) == (0, ["FLAKY test_it.py::test_late[0]", "FLAKY test_it.py::test_late[1]"])

@@ -53,7 +53,7 @@ def tutorial(*, mended: bool) -> str:
     return model.replace("PLACE", properties(x_goal="", y_goal=""))
 
 
-@pytest.mark.long_but("False*")
+@pytest.mark.long
 @pytest.mark.parametrize(("mended", "outcome"), [(False, "1 failed, 2 passed"), (True, "3 passed")])
 def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path, mended: bool, outcome: str) -> None:
     (tmp_path / "patrol.bpmn").write_text(tutorial(mended=mended))

@@ -92,6 +92,7 @@ def test_the_files_of_a_configuration_are_read_by_its_own_inputs(
         make_processors(load(config))
 
 
+@pytest.mark.long
 def test_the_card_says_what_of_the_bags_was_left_out(
     tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

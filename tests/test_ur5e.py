@@ -163,6 +163,7 @@ def test_an_arm_that_leaves_its_reference_is_no_longer_simulated():
         arm.step()
 
 
+@pytest.mark.long
 def test_pressed_on_lightly_the_lid_lies_on_the_motor_again():
     machine = ControlledArm(UR5E, HOME, 1 / RATE, generators(7))
     assert performed(machine)[1] == [False, True, False, True, False]
@@ -228,6 +229,7 @@ def test_coloured_noise_keeps_the_deviation_and_is_correlated():
     assert lag[1] > 0.7
 
 
+@pytest.mark.long
 def test_positions_are_those_of_encoders():
     steps = one_run(5).positions * 131072 / (2 * np.pi)
     assert np.abs(steps - np.round(steps)).max() < 1e-6

@@ -165,7 +165,7 @@ def test_files_are_closed_when_a_recording_is_refused_and_when_the_block_ends_in
     world = ("/fame/world", 0, '{"transforms": 7}')
     with pytest.raises(ConfigError, match="has messages of another form"):
         Replay(written(path, {}, key, world))  # what it opened and left would be a warning, and thus an error
-    gc.collect()
+    gc.collect(1)
 
 
 @pytest.mark.parametrize(

@@ -275,6 +275,7 @@ def test_the_page_of_a_branch_that_fails_stays_with_the_error(own_code: Path) ->
         assert process.wait(20) == 2
 
 
+@pytest.mark.long
 def test_a_branch_of_another_run_is_refused_with_the_first_difference(tmp_path: Path) -> None:
     path = recorded(Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=15), tmp_path / "run.mcap")
     other = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=15, faults=[Fault("REX", 3.0, "engine")])

@@ -66,6 +66,7 @@ def test_a_file_that_is_replaced_is_read_again(watch: ModelWatch, model: Path) -
     eventually(lambda: any(one.get("name") == "Weed Found" for one in watch.mission()["elements"]))
 
 
+@pytest.mark.long
 def test_an_error_that_nobody_foresaw_is_shown_and_the_file_is_followed(
     watch: ModelWatch, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
