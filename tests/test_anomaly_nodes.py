@@ -63,7 +63,7 @@ def test_benign_runs_pass_and_a_sabotaged_one_raises_the_signal_once():
     assert any(text.startswith("run 1: ANOMALOUS, score") for text in arm.texts)
 
 
-@pytest.mark.long_but("9.0*")
+@pytest.mark.long
 @needs_data
 @pytest.mark.parametrize(("threshold", "verdict"), [(None, "ANOMALOUS"), (9.0, "not judged")])
 def test_a_run_of_an_arm_that_freezes_ends_and_the_next_one_is_judged(threshold: float | None, verdict: str):

@@ -98,6 +98,7 @@ def test_a_rest_on_an_edge_is_seen():
     assert not any(reading.off_path for reading in late)
 
 
+@pytest.mark.long
 def test_a_tenth_of_speed_is_seen_by_the_stamps_though_samples_come_as_before():
     run = recording(BENIGN).select([21])
     passed, slowed = (

@@ -32,7 +32,7 @@ def points() -> object:
     return of_runs([POINTS[:150], POINTS[150:]], 1, tuple("SLURBT"))
 
 
-@pytest.mark.long_but("found0*")
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("found", "colours"),
     [
@@ -46,6 +46,7 @@ def test_joint_space_shows_what_was_judged_anomalous(tmp_path: Path, found, colo
     assert shown == colours
 
 
+@pytest.mark.long
 def test_an_anomalous_point_that_was_missed_has_a_colour_of_its_own(tmp_path: Path) -> None:
     missed = of_runs([POINTS], -1, tuple("SLURBT"))
     joint_space(tmp_path / "space.png", missed, np.ones(200))

@@ -95,6 +95,7 @@ def test_runs_that_are_cut_off_count_as_little_as_they_are_written(
     assert read_csv(tmp_path / "benign.csv").count == whole
 
 
+@pytest.mark.long
 @needs_data
 def test_operate_raises_the_signal_that_the_mission_catches(tmp_path: Path, model: str) -> None:
     watch = Watch(tmp_path, calling("adm_operate", STOPPED_BY_THE_ALARM), model=model)

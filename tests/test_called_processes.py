@@ -346,7 +346,7 @@ def test_a_part_without_a_pool_says_which_of_its_processes_is_to_be_run(tmp_path
     assert trail(part) == "p h"
 
 
-@pytest.mark.long_but("warehouse")
+@pytest.mark.long
 @pytest.mark.parametrize("path", RUNS, ids=lambda path: path.stem)
 def test_each_example_runs_as_its_parts_do(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def shown(result: Any) -> tuple[Any, ...]:
@@ -432,6 +432,7 @@ def test_what_repeats_may_be_as_deep(kind: str) -> None:
     assert simulation.instances[0].status == "completed"
 
 
+@pytest.mark.long
 def test_a_process_that_is_called_late_and_early_is_as_deep_as_where_it_is_called_first() -> None:
     """P calls P400 first, then P399 and so on: each is compiled before the one that calls it again."""
     processes = chain(400, 0)

@@ -508,6 +508,7 @@ def test_runs_can_be_recorded(scenario: Path, tmp_path: Path) -> None:
         assert [one["name"] for one in runs] == ["run-1.mcap", "run-2.mcap"]
 
 
+@pytest.mark.long
 def test_the_page_of_the_same_rows_is_the_same() -> None:
     rows = [
         {

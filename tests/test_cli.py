@@ -330,7 +330,7 @@ def test_an_interruption_of_tests_has_its_code_and_an_error_of_collection_has_no
     assert fame_test(str(tmp_path))[0] == 1
 
 
-@pytest.mark.long_but("2>*")
+@pytest.mark.long
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_a_closed_stream_is_no_fault_of_the_command(closed: str) -> None:
     words = f"{sys.executable} -m fame check models/ground_vehicles.bpmn {closed}"

@@ -15,6 +15,7 @@ RUNS = [own_data.run(seed) for seed in range(8)]
 QUICK = Training(window=20, samples=2000, epochs=2, hidden=(4, 2, 4), folds=2)
 
 
+@pytest.mark.long
 def test_every_detector_has_its_figures_and_the_best_comes_first():
     found = compare(RUNS, QUICK, ("pca", "mahalanobis", "ocsvm"))
     assert {item.detector for item in found} == {"pca", "mahalanobis", "ocsvm"}

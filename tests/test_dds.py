@@ -199,6 +199,7 @@ def test_every_type_can_be_declared(here: WallWorld, stranger: DomainParticipant
     assert [topic.typename for topic in topics] == [wire.dds_type(name) for name, _ in kinds]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not WIRE.exists(), reason="needs samples.json of ros2_jazzy_wire")
 def test_what_real_ros_writes_passes_cyclone_unchanged(stranger: DomainParticipant) -> None:
     for number, sample in enumerate(json.loads(WIRE.read_text())["samples"]):

@@ -69,6 +69,7 @@ def field() -> Iterator[Field]:
     made.world.close()
 
 
+@pytest.mark.long
 def test_a_plain_publisher_of_any_quality_of_service_is_heard_and_what_is_refused_leaves_the_old_one_running(field):
     field.publisher(depth=10, durability="transient_local").publish(messages.create(deploy.STRING, patrol(1)))
     assert field.answer("started").hash == deploy.model_hash(patrol(1).encode())

@@ -99,6 +99,7 @@ def alarm(model: TrainedModel, seed: int, fault: own_data.Fault = "none") -> boo
     return bool((found > np.array(model.thresholds)).any())
 
 
+@pytest.mark.long
 def test_by_default_no_false_alarm_and_no_promise_with_sixteen_runs():
     made = model("0.01 per run")
     assert made.calibration is not None

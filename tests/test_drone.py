@@ -244,6 +244,7 @@ def test_a_narrow_camera_sees_less():
     assert len(pictures(g, 5.2)[-1]) == 1
 
 
+@pytest.mark.long
 def test_it_misses_a_part_of_what_is_in_sight_and_places_the_others_with_the_noise_it_was_given():
     g = flying({"camera": {"noise": 0.1, "missed": 0.25}}, weeds=[{"at": [2.5, 4]}])
     seen = pictures(g, 205)

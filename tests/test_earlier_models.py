@@ -112,6 +112,7 @@ def test_the_first_classifiers_and_ensembles_score_as_they_did(tmp_path: Path):
             load_any(tmp_path / "damaged.skops")
 
 
+@pytest.mark.long
 @needs_data
 def test_the_first_path_detector_scores_as_it_did_and_says_what_it_does_not_see(tmp_path: Path):
     write_artefact(first_paths(), tmp_path / "path.skops")

@@ -58,6 +58,7 @@ def alike(one: Any, other: Any) -> bool:
     return type(one) is type(other) and one == other
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(DATA)
 def test_every_value_comes_back_as_it_went(x: Any) -> None:

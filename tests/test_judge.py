@@ -128,7 +128,7 @@ def scaled(values: np.ndarray) -> None:
     values *= 0.001
 
 
-@pytest.mark.long_but("pca")
+@pytest.mark.long
 @pytest.mark.parametrize("detector", ["mahalanobis", "pca", "knn", "phase"])
 def test_a_run_with_a_sensor_that_failed_is_not_judged(detector: str) -> None:
     model = fit([effort(seed) for seed in range(12)], Training(window=50, detector=detector))
@@ -231,7 +231,7 @@ def test_rows_with_an_empty_cell_here_and_there_are_not_benign(
     assert found["runs"][0]["share judged"] == pytest.approx(0.9, abs=0.01)
 
 
-@pytest.mark.long_but(";*")
+@pytest.mark.long
 @pytest.mark.parametrize("separator", [";", "\t", "|"])
 def test_decimal_commas_separators_and_dates_are_understood(
     separator: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -100,6 +100,7 @@ def test_a_bag_of_whose_messages_half_were_left_out_is_not_judged(
     assert any(f"{half} of {len(values)} messages on /joint_states are left out" in note for note in judged["notes"])
 
 
+@pytest.mark.long
 def test_a_second_publisher_whose_messages_are_left_out_is_not_judged(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,6 +204,7 @@ def test_a_learned_model_judges_the_runs_of_a_bag(
     assert page.count("their median") == 5  # a joint of each run, three of the anomalous one
 
 
+@pytest.mark.long
 def test_a_bag_of_which_a_model_of_joint_states_does_not_see_all_is_not_benign(
     learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

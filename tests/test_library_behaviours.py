@@ -45,7 +45,7 @@ def test_blocked_wheels_are_noticed_however_noisy_the_odometry_is(
     assert played(tmp_path, behaviour, inputs, rex, Fault("REX", 2.0, "wheels"))[1] == ["blocked"]
 
 
-@pytest.mark.long_but("0.6")
+@pytest.mark.long
 @pytest.mark.parametrize("distance", [0.55, 0.6, 0.65])
 def test_a_thing_just_before_a_corner_of_the_way_is_passed_in_the_end(tmp_path: Path, distance: float) -> None:
     """It is nearer than a robot drives up to, and not so near that it is in the way: there GoTo crept forever."""

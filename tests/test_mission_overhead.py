@@ -56,7 +56,7 @@ def test_garbage_is_collected_when_the_mission_ends_and_then_as_before(mission: 
     assert node() is None
 
 
-@pytest.mark.long_but("mission*")
+@pytest.mark.long
 @pytest.mark.parametrize(("fixture", "loaded"), [("mission", True), ("tmp_path", False)])
 def test_what_missions_need_is_imported_before_the_first_of_them(
     pytester: pytest.Pytester, fixture: str, loaded: bool

@@ -98,6 +98,7 @@ def fame_test(*words: str | Path) -> int:
     return main(["test", *map(str, words)])
 
 
+@pytest.mark.long
 def test_fame_test_runs_tests_and_fails_under_a_coverage(
     choice: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

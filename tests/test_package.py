@@ -78,6 +78,7 @@ def test_a_wheel_holds_fame_robots_and_sim2d_and_nothing_else(installed: Path) -
     assert all((installed / package / "py.typed").exists() for package in ("fame", "robots", "sim2d"))
 
 
+@pytest.mark.long
 def test_models_and_examples_are_data_of_the_installed_package(installed: Path) -> None:
     def files(folder: Path) -> set[Path]:
         return {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}

@@ -85,6 +85,7 @@ def test_an_animation_moves_and_ends_with_what_was_recorded_last(record, tmp_pat
     assert way[1] > way[0] + 3e-4
 
 
+@pytest.mark.long
 def test_captions_change_when_the_process_moves_on(record, tmp_path):
     labels = [(0.0, "REX", "Explore"), (2.0, "REX", "Wait for done")]
     animate(record, tmp_path / "with.gif", labels=labels, fps=10, speed=10)
@@ -226,7 +227,7 @@ def test_an_arm_that_is_stopped_on_its_way_shows_a_red_light_until_it_goes_on():
 # ---- batteries -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long_but("drone")
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["tractor", "drone"])
 def test_an_empty_battery_is_seen_and_told(kind, tmp_path):
     shares = []
@@ -287,6 +288,7 @@ def test_a_picture_shows_weeds_that_grow_and_weeds_that_were_cut(farm, tmp_path)
             assert share(image, colour) > 1e-4
 
 
+@pytest.mark.long
 def test_a_film_shows_a_weed_before_and_after_and_what_the_drone_sees(farm, tmp_path):
     animate(farm, tmp_path / "farm.gif", speed=4)
     with Image.open(tmp_path / "farm.gif") as film:

@@ -138,6 +138,7 @@ def test_a_processor_that_does_not_exist_is_not_drawn(
     assert "did you mean 'LowPass'?" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_losses_are_drawn_with_thresholds_and_alarms(tmp_path: Path) -> None:
     loss = Samples(np.abs(np.random.default_rng(0).normal(size=(50, 2))), np.arange(50.0), ("elbow", "wrist"))
     plot_loss(loss, tmp_path / "bare.png")

@@ -316,6 +316,7 @@ def test_the_command_records_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "exists already" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_csv_file_is_whole_up_to_its_last_line_when_its_writer_is_killed(tmp_path: Path) -> None:
     """Killed while it writes as fast as it can."""
     configuration(tmp_path)

@@ -113,6 +113,7 @@ def test_the_joint_monitor_raises_anomaly_and_the_mission_that_catches_it_ends_t
     assert "joint_losses" not in {info.name.rpartition("/")[2] for info in sim.middleware.graph()}
 
 
+@pytest.mark.long
 def test_a_mission_that_catches_drift_is_told_before_there_is_an_alarm(tmp_path: Path) -> None:
     """The joint monitor and the drift monitor in parallel, on runs in which joint 3 moves harder and harder."""
     usual = 0.01 * np.exp(0.1 * np.random.default_rng(3).standard_normal((20, 6)))  # losses of efforts of 0.1

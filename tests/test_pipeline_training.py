@@ -350,6 +350,7 @@ def test_a_table_that_cannot_be_meant_is_refused_with_its_line(text: str, why: s
         read_runs([tmp_path / "runs.csv"])
 
 
+@pytest.mark.long
 def test_a_run_that_is_unlike_the_others_is_refused_unless_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -118,7 +118,7 @@ def test_the_workflow_of_a_new_project_runs_commands_that_exist() -> None:
     assert all(parser().parse_args(words.split()[1:]).command for words in said)
 
 
-@pytest.mark.long_but("convoy", "sabotage")
+@pytest.mark.long
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_is_copied_with_all_that_it_needs(example: Path, folder: Path, monkeypatch) -> None:
     assert main(["new", "--from", "example", example.stem]) == 0

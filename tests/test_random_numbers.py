@@ -85,6 +85,7 @@ def rows(scenario: Path, folder: Path, workers: int = 1) -> list[dict[str, Any]]
     return [{key: value for key, value in row.items() if key != "wall"} for row in found]
 
 
+@pytest.mark.long
 def test_two_campaigns_with_the_same_seeds_are_equal_row_by_row(scenario: Path, tmp_path: Path) -> None:
     first = rows(scenario, tmp_path / "one")
     assert {row["status"] for row in first} == {"completed", "failed"}
@@ -150,6 +151,7 @@ def test_missions_under_test_draw_from_their_seed_and_give_the_modules_back(scen
     assert random.getstate() == before
 
 
+@pytest.mark.long
 def test_a_loaded_simulation_repeats_nothing_and_is_the_same_each_time(tmp_path: Path) -> None:
     text = "x = robot.random.random()\nawait sleep(5)"
     flows = '<sequenceFlow id="f" sourceRef="s" targetRef="t"/><sequenceFlow id="g" sourceRef="t" targetRef="u"/>'

@@ -106,7 +106,7 @@ def lines(result: Result) -> list[str]:
     return [event.detail for event in result.reports if event.robot == "Arm"]
 
 
-@pytest.mark.long_but("fault1*")
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "joints", "before"),
     [

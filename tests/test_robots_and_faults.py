@@ -123,7 +123,7 @@ def test_a_tractor_without_an_engine_is_braked_by_its_watchdog() -> None:
     assert early["robots"]["Tractor_1"]["x"] != -1.0
 
 
-@pytest.mark.long_but("wheels*")
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "code"), [("range", "sensor_lost"), ("wheels", "blocked")])
 def test_a_behaviour_says_what_is_broken(kind: str, code: str) -> None:
     result = load(faults=[Fault("Tractor_1", 10.0, kind)]).run()

@@ -349,6 +349,7 @@ def own_types(folder: Path, package: str) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_types_of_ones_own_are_known_wherever_the_scenario_is_read(tmp_path: Path, capsys) -> None:
     def fresh(package: str) -> str:
         (tmp_path / package).mkdir()

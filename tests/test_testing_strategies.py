@@ -17,6 +17,7 @@ VEHICLES = ROOT / "models" / "ground_vehicles.bpmn"
 FEW = settings(max_examples=10, derandomize=True)
 
 
+@pytest.mark.long
 @FEW
 @given(network=networks("REX", "DINGO", delay=0.3, loss=0.3, partition=9.0, until=10.0))
 def test_the_vehicles_finish_over_any_network_whose_partitions_are_short(network: NetworkConfig) -> None:

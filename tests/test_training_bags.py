@@ -39,7 +39,7 @@ def words(tmp_path: Path, *data: Path, model: str = "bags.skops") -> list[object
     return ["monitor", "train", "--data", *data, "-o", tmp_path / model, "--false-alarms", "0.2 per run"]
 
 
-@pytest.mark.long_but("files-1")
+@pytest.mark.long
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 @pytest.mark.parametrize("form", ["folders", "files"])
 def test_bags_train_as_the_table_that_is_recorded_from_them_each_a_run(
@@ -110,6 +110,7 @@ def test_the_card_says_what_of_the_bags_was_left_out(
     assert expected in json.loads((tmp_path / "bags.card.json").read_text())["Limits"]
 
 
+@pytest.mark.long
 def test_a_recording_of_a_mission_that_failed_is_refused_unless_kept(
     tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

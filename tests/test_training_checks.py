@@ -36,7 +36,7 @@ def trained(folder: Path, runs: Sequence[Samples], *more: str) -> int:
     return main([*words, *more])
 
 
-@pytest.mark.long_but("pca")
+@pytest.mark.long
 @pytest.mark.parametrize("detector", ["phase", "mahalanobis", "pca"])
 def test_a_run_in_which_a_motor_stood_still_is_refused_by_name_unless_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], detector: str

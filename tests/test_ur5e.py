@@ -170,6 +170,7 @@ def test_pressed_on_lightly_the_lid_lies_on_the_motor_again():
     assert (machine.bench.lid, machine.bench.jaws) == ("motor", "open")
 
 
+@pytest.mark.long
 def test_a_lid_that_is_held_stays_and_the_gripper_goes_on_empty():
     machine = ControlledArm(UR5E, HOME, 1 / RATE, generators(7))
     machine.hold_lid()
@@ -188,7 +189,7 @@ def performed(machine: ControlledArm, steps: int = len(PROGRAM)) -> tuple[np.nda
     return np.array(efforts), held
 
 
-@pytest.mark.long_but("blocked_lid")
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_a_run_repeats_with_its_seed(scenario: Any):
     assert np.array_equal(recorded(5, scenario).efforts, one_run(5, scenario).efforts)

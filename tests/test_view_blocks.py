@@ -186,7 +186,7 @@ def test_a_run_that_lasts_has_the_blocks_of_its_recording(tmp_path: Path) -> Non
         assert live._packer.blocks[-1].key["tokens"]
 
 
-@pytest.mark.long_but("agriculture")
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["agriculture", "ground_vehicles", "warehouse"])
 def test_a_key_alone_gives_the_tokens_of_activities_too(name: str, tmp_path: Path) -> None:
     record(Scenario.load(EXAMPLES / f"{name}.yaml", duration=30), tmp_path / "run.mcap")
