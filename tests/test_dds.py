@@ -449,12 +449,17 @@ def test_timers_run_in_their_order_while_it_waits_for_data(resting: WallWorld) -
 
 def test_other_threads_wake_it(resting: WallWorld, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fame.middleware.data_scheduler._MAX_WAIT", 60 * SECOND)
-    scheduler, seen = resting.scheduler, list[int]()
+    scheduler, seen = resting.scheduler, threading.Event()
     began = time.monotonic()
-    threading.Timer(0.02, lambda: scheduler.soon(lambda: seen.append(1))).start()
-    threading.Timer(0.04, scheduler.stop).start()
+
+    def wake() -> None:
+        scheduler.soon(seen.set)
+        seen.wait(TIMEOUT)
+        scheduler.stop()
+
+    threading.Timer(0.02, wake).start()
     scheduler.run()
-    assert seen == [1]
+    assert seen.is_set()
     assert time.monotonic() - began < TIMEOUT
 
 
