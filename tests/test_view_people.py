@@ -62,7 +62,7 @@ def test_what_a_robot_does_is_said_in_the_words_of_the_diagram_with_the_way_to_g
     page: Page, hospital: LiveRun
 ) -> None:
     hospital.control({"do": "signal", "topic": "/lift_here", "robot": "Lift", "value": ""})  # too early
-    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
+    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "ward_1"}'})
     until(page, f"{row('Porter_1')}.doing === 'Go to the ward' && /^[0-9.]+ m to go$/.test({row('Porter_1')}.progress)")
     assert page.evaluate(f"{row('Porter_3')}.doing") == "Waits: lift is here"
     assert page.locator(".robot", has_text="Porter_3").locator(".missed").inner_text().startswith("lift is here")
@@ -188,7 +188,7 @@ def test_the_emergency_stop_suspends_them_all_and_ends_with_its_release(page: Pa
 
 
 def test_a_task_with_a_boundary_timer_has_a_deadline(page: Page, hospital: LiveRun) -> None:
-    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
+    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "ward_1"}'})
     hospital.control({"do": "speed", "speed": 20})
     until(page, "[...document.querySelectorAll('.ask .due')].some((one) => /due in [23] min/.test(one.textContent))")
 
@@ -293,7 +293,7 @@ def parts(page: Page, tabs: Sequence[str]) -> Iterator[str]:
 
 
 def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it(page: Page, hospital: LiveRun) -> None:
-    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "one"}'})
+    hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "ward_1"}'})
     page.set_viewport_size({"width": 1440, "height": 900})
     for tab in ("team", "diagram"):
         page.evaluate(f"fame.tabs.choose('{tab}')")
