@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bpmn_text import document
+from bpmn_text import document, process
 from PIL import Image, ImageColor
 
 from fame.bpmn import read_text
@@ -128,6 +128,17 @@ def test_a_run_without_a_world_has_a_film_of_its_diagram(tmp_path: Path, capsys:
     capsys.readouterr()
     assert main(["draw", run, "-o", str(film), "--show", "world"]) == 2
     assert "run.mcap: has no simulated world to draw" in capsys.readouterr().err
+
+
+def test_what_has_neither_diagram_nor_world_is_refused_before_it_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plain.bpmn").write_text(process('<startEvent id="s"/>'))
+    film = tmp_path / "x.gif"
+    assert main(["run", str(tmp_path / "plain.bpmn"), "--animate", str(film)]) == 2
+    told = capsys.readouterr()
+    assert told.err == f"fame: error: {film}: cannot be drawn: the scenario has no world\n"
+    assert told.out == ""
 
 
 def test_a_film_shows_diagram_and_world_or_one_of_them(tmp_path: Path) -> None:

@@ -350,7 +350,9 @@ def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
     for path, endings in ((arguments.picture, (PICTURE,)), (arguments.animate, FILMS)):
         if path is not None:
             check_film(path, endings, arguments.show)
-            if scenario.world is None and (path == arguments.picture or arguments.show == "world"):
+            if path == arguments.animate and arguments.show != "world" and scenario.definitions.shapes:
+                continue  # a film of the diagram
+            if scenario.world is None:
                 raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
 
 
