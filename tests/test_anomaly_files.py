@@ -48,11 +48,11 @@ def test_columns_of_a_learning_file_count_joints_in_files_with_a_header_too(tmp_
     assert read_csv(tmp_path / "a.csv", [1], 2).values.ravel().tolist() == [0.2, 0.4, 0.6]
 
 
-@needs_data
 def test_a_stamp_since_1970_has_the_digits_that_it_tells() -> None:
     assert [stamp_text(stamp) for stamp in (0.1234567891, 1_700_000_000.01)] == ["0.123456789", "1700000000.010000000"]
 
 
+@needs_data
 def test_separator_rows_are_named(tmp_path: Path):
     assert recording(BOTH).notes == (f"{BOTH}: left out 2 all-zero rows away from home (line 1, 2237)",)
 
