@@ -1,6 +1,7 @@
 """`fame monitor adm` on bags and files, through the handlers of the command line."""
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -150,3 +151,19 @@ def test_a_topic_that_the_bag_does_not_hold_is_named_with_those_it_holds(tmp_pat
     bag = bag_of(tmp_path / "bag", runs(20)[:3])
     with pytest.raises(ConfigError, match=r"has no topic /other; it has /joint_states"):
         adm("collect", "--bag", bag, "--topic", "/other", "--label", 1, "-o", tmp_path / "x.csv")
+
+
+def test_without_the_extra_a_model_is_not_called_corrupt(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    for name in ("skops", "skops.io"):
+        monkeypatch.setitem(sys.modules, name, None)
+    model = Path(__file__).parent.parent / "models" / "reassembly.skops"
+    assert main(["monitor", "judge", str(model), "runs.csv"]) == 2
+    assert "pip install 'fame-robots[ml]'" in capsys.readouterr().err
+
+
+def test_without_the_extra_learning_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    (tmp_path / "benign.csv").write_text("".join(f"{row % 7},{row % 5},{row % 3},0,0,0,1\n" for row in range(100)))
+    (tmp_path / "learning.yaml").write_text(LEARNING.format(chain="'robots.arm:mh5.yaml'"))
+    monkeypatch.setattr("fame.imports.find_spec", lambda name: None)
+    assert main(["monitor", "adm", "learn", str(tmp_path / "learning.yaml")]) == 2
+    assert "training needs scikit-learn: pip install 'fame-robots[ml]'" in capsys.readouterr().err

@@ -100,6 +100,7 @@ def read_artefact(path: Path, maker: str) -> Any:
     if total > most:
         text = f"refused: it would unpack to {total / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are taken of its size"
         raise ConfigError(text, file=str(path))
+    _skops()  # where it is missing, that is said, and not that the file is corrupt
     try:
         unknown = _unknown(path)
     except Exception as error:  # on a foreign file, skops raises any exception of its parts

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
+from fame.imports import require
 from fame.monitor.anomaly.classifiers import (
     TEST,
     TRAIN,
@@ -150,6 +151,7 @@ def _learn(
     candidates = [candidate for candidate in every if candidate.combined is None]
     for candidate in candidates:
         make(candidate, learning.file.parent)  # a wrong one is refused before the first fit
+    require("sklearn")  # which brings joblib
     from joblib import Parallel, delayed
 
     whole = data.both or data.benign
