@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, NamedTuple
 import yaml
 
 from fame.errors import ConfigError, FameError, MessageError
-from fame.log.mcap_index import messages_in_order, read_index, unpack
+from fame.log.mcap_index import ChunkPlace, chunk_messages, in_order, read_index, unpack
 from fame.middleware.definitions import Definition, check_size, check_text, from_rosbags
 from fame.text import open_file
 
@@ -158,7 +158,15 @@ def _of_mcap(stream: BinaryIO, file: str) -> _Storage:
         schema = index.schemas.get(channel.schema_id)
         name, data, format = (schema.name, schema.data, schema.encoding) if schema is not None else ("", b"", "")
         topics.append(BagTopic(number, channel.topic, name, channel.message_encoding, data, format))
-    return _Storage(topics, lambda wanted: messages_in_order(stream, index, wanted, file))
+
+    def messages(wanted: Collection[Any]) -> Iterator[_Raw]:
+        def load(chunk: ChunkPlace) -> list[_Raw]:
+            found = [each for each in chunk_messages(stream, chunk.offset, file) if each[1] in wanted]
+            return sorted(found, key=itemgetter(0))
+
+        return in_order((chunk for chunk in index.chunks if not chunk.channels.isdisjoint(wanted)), load)
+
+    return _Storage(topics, messages)
 
 
 def _of_rosbags(reader: Any) -> _Storage:

@@ -12,20 +12,21 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from bisect import bisect_left
 from bz2 import BZ2Decompressor
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from heapq import heappop, heappush
-from itertools import count
-from operator import attrgetter
-from typing import TYPE_CHECKING, Any, BinaryIO
+from operator import attrgetter, itemgetter
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Chunk, Schema
 
+_M = TypeVar("_M", bound=tuple[Any, ...])
+"""A message, as a tuple that begins with its time."""
 CHUNK_LIMIT = 1 << 27
 """Bytes that a chunk may unpack to: a hundred times those that ``ros2 bag record`` writes."""
 _RECORD = struct.Struct("<BQ")
@@ -98,23 +99,15 @@ def chunk_messages(stream: BinaryIO, offset: int, file: str) -> Iterator[tuple[i
         raise ConfigError(f"is damaged at byte {offset}: {error}", file=file) from None
 
 
-def messages_in_order(
-    stream: BinaryIO, index: McapIndex, channels: Collection[int], file: str
-) -> Iterator[tuple[int, int, bytes]]:
-    """Yield the messages of some channels by time, as `chunk_messages`; chunks that overlap are in memory together."""
-    wanted, order, waiting = frozenset(channels), count(), list[tuple[int, int, int, bytes]]()
-    for chunk in index.chunks:
-        if not chunk.channels & wanted:
-            continue
-        while waiting and waiting[0][0] < chunk.start:
-            time, _, channel, data = heappop(waiting)
-            yield time, channel, data
-        for time, channel, data in chunk_messages(stream, chunk.offset, file):
-            if channel in wanted:
-                heappush(waiting, (time, next(order), channel, data))
-    while waiting:
-        time, _, channel, data = heappop(waiting)
-        yield time, channel, data
+def in_order(chunks: Iterable[ChunkPlace], load: Callable[[ChunkPlace], list[_M]]) -> Iterator[_M]:
+    """Yield messages by time; `load` returns those of a chunk by time. Chunks that overlap are in memory together."""
+    waiting: list[_M] = []
+    for chunk in chunks:  # by their starts
+        passed = bisect_left(waiting, chunk.start, key=itemgetter(0))
+        yield from waiting[:passed]
+        waiting = [*waiting[passed:], *load(chunk)]
+        waiting.sort(key=itemgetter(0))
+    yield from waiting
 
 
 def _records(stream: BinaryIO, *, skip_magic: bool = False) -> Iterator[Any]:

@@ -7,7 +7,6 @@ is read up to where it is whole: `Recording.warnings` says so.
 from __future__ import annotations
 
 import json
-from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
@@ -21,7 +20,7 @@ from fame.clock import SECOND
 from fame.closing import Closing
 from fame.errors import ConfigError
 from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, WAITING, WORLD
-from fame.log.mcap_index import ChunkPlace, chunk_messages, read_index
+from fame.log.mcap_index import ChunkPlace, chunk_messages, in_order, read_index
 from fame.log.team_state import TeamState
 from fame.robot.events import ENDED, Event
 from fame.text import open_file, unreadable
@@ -216,16 +215,12 @@ class Recording(Closing):
         """Messages in the order of time, from `start` to `end` (ns, both inclusive). `topics`: all by default."""
         first, last = self.start if start is None else start, self.end if end is None else end
         wanted = None if topics is None else frozenset(topics)
-        for group in self._overlapping(wanted, first, last):
-            found = self._load(group[0]) if len(group) == 1 else sorted(
-                (message for chunk in group for message in self._load(chunk)), key=attrgetter("time")
-            )  # fmt: skip
-            begin = 0 if found[0].time >= first else bisect_right(found, first - 1, key=attrgetter("time"))
-            for message in found[begin:]:
-                if message.time > last:
-                    break
-                if wanted is None or message.topic in wanted:
-                    yield message
+        chunks = (chunk for chunk in self._with(wanted) if chunk.end >= first and chunk.start <= last)
+        for message in in_order(chunks, self._load):
+            if message.time > last:
+                break
+            if message.time >= first and (wanted is None or message.topic in wanted):
+                yield message
 
     def decode(self, message: RecordedMessage) -> dict[str, Any]:
         """Return the content of a message as plain data. Raises MessageError if it does not fit
@@ -291,9 +286,8 @@ class Recording(Closing):
 
     def last(self, topic: str, time: int) -> RecordedMessage | None:
         """Return the last message of a topic until `time` (ns)."""
-        numbers = {number for number, channel in self._channels.items() if channel.topic == topic}
         best: RecordedMessage | None = None
-        chunks = [chunk for chunk in self._chunks if chunk.start <= time and chunk.channels & numbers]
+        chunks = [chunk for chunk in self._with((topic,)) if chunk.start <= time]
         for chunk in sorted(chunks, key=attrgetter("end"), reverse=True):
             if best is not None and chunk.end < best.time:
                 break
@@ -306,19 +300,10 @@ class Recording(Closing):
 
     # ---- chunks ------------------------------------------------------------------------------------------------------
 
-    def _overlapping(self, topics: frozenset[str] | None, start: int, end: int) -> Iterator[list[ChunkPlace]]:
-        """Groups of chunks with messages of that time: those of one group overlap, and come before the next group."""
+    def _with(self, topics: Collection[str] | None) -> Iterator[ChunkPlace]:
+        """Chunks with messages of some topics, or of any, by their starts."""
         numbers = {number for number, channel in self._channels.items() if topics is None or channel.topic in topics}
-        group: list[ChunkPlace] = []
-        for chunk in self._chunks:  # by their starts
-            if chunk.end < start or chunk.start > end or not chunk.channels & numbers:
-                continue
-            if group and chunk.start >= max(each.end for each in group):
-                yield group
-                group = []
-            group.append(chunk)
-        if group:
-            yield group
+        return (chunk for chunk in self._chunks if chunk.channels & numbers)
 
     def _read_chunk(self, chunk: ChunkPlace) -> list[RecordedMessage]:
         """The messages of a chunk, by time."""
