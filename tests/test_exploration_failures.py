@@ -168,6 +168,8 @@ ASKS = 'await robot.call("door", "std_srvs/srv/Trigger")'
     [
         (ACT, "aborted", "not known", "refuted"),
         (ACT, "script", "proved", "proved"),
+        (ACT, "still_running", "proved", "proved"),
+        (f"{ACT[:-1]}, wait_cancelled=5)", "still_running", "not known", "refuted"),
         (ASKS, "script", "not known", "refuted"),
         (ASKS, "aborted", "proved", "proved"),
         (f"try:\n  {ACT}\nexcept BpmnError:\n  pass", "aborted", "proved", "proved"),

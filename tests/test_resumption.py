@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import pytest
+from action_server import DRIVE, Server
+from bpmn_text import properties
 from deployment_field import Field, definitions, patrol, process
 
 from fame.bpmn.reader import read_text
@@ -690,3 +692,87 @@ def test_a_promise_that_cannot_be_read_ends_no_engine(field: Durable) -> None:
     field.send("A", Envelope(deployment="d2", sequence=2, robot="A", phase="ask", born=1).to_json())
     field.pass_time(0.1)
     assert field.answers()[-1] == "unknown"
+
+
+# ---- goals -----------------------------------------------------------------------------------------------------------
+
+DRIVES = definitions(
+    POOL,
+    '<signal id="S" name="go"/><signal id="R" name="~/recovered"/>',
+    process(
+        "p",
+        '<startEvent id="s"/><endEvent id="e"/><userTask id="u"/>'
+        f'<serviceTask id="t">{properties(action="drive", type=DRIVE, payload="{distance: 9}")}</serviceTask>'
+        '<boundaryEvent id="b" attachedToRef="t"><signalEventDefinition signalRef="S"/></boundaryEvent>',
+        ("s", "t"),
+        ("t", "e"),
+        ("b", "u"),
+    ).replace("<extensionElements", '<extensionElements xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'),
+)
+REFUSED = "/A/drive: a cancelled goal still runs: its server refuses to cancel it"
+
+
+@pytest.fixture
+def driver(field: Durable) -> Server:
+    return Server(field.middleware.node("driver", "A"))
+
+
+def end_engine(field: Durable, *, in_order: bool) -> None:
+    """End the engine, and start the next one."""
+    if in_order:
+        field.engines.pop("A").close()
+        field.state.close()
+    else:
+        field.crash()
+    field.notes.clear()
+    field.start()
+    field.pass_time(2)
+
+
+def test_a_goal_that_was_cancelled_before_a_crash_is_followed_until_it_ends(field: Durable, driver: Server) -> None:
+    driver.obeys = False
+    field.deploy(DRIVES)
+    field.engine.running.deliver("/go", None)
+    field.pass_time(1)
+    for _ in range(2):
+        end_engine(field, in_order=False)
+        assert (field.engine.running.runner.cancelled.texts(), field.notes.count(REFUSED)) == ([REFUSED], 1)
+        assert REFUSED in field.said[-1].warnings
+    driver.end(driver.cancelled[0], 4)
+    field.pass_time(2)
+    assert field.notes[-1] == "/A/drive: the cancelled goal has ended"
+    assert REFUSED not in field.said[-1].warnings
+
+
+def test_the_goal_of_a_task_that_is_cancelled_before_it_starts_again_is_cancelled(
+    field: Durable, driver: Server
+) -> None:
+    field.deploy(DRIVES.replace('signalRef="S"', 'signalRef="R"'))
+    end_engine(field, in_order=False)
+    assert (field.engine.running.instances[0].waiting, len(driver.cancelled), driver.goals) == (["u"], 1, {})
+
+
+@pytest.mark.parametrize("in_order", [False, True])
+def test_a_task_that_was_suspended_takes_up_its_last_goal(field: Durable, driver: Server, in_order: bool) -> None:
+    field.deploy(DRIVES)
+    field.engine.running.hold("test")
+    field.pass_time(1)
+    field.engine.running.release("test")
+    field.pass_time(1)
+    end_engine(field, in_order=in_order)
+    (instance,) = field.engine.running.instances
+    assert (instance.status, len(driver.goals), len(driver.cancelled)) == ("running", 1, 2 if in_order else 1)
+
+
+@pytest.mark.parametrize(("retry", "status", "goals"), [("safe", "running", 1), ("never", "failed", 0)])
+def test_a_goal_that_an_engine_cancels_when_it_is_stopped_is_lost(
+    field: Durable, driver: Server, retry: str, status: str, goals: int
+) -> None:
+    stated = f'<camunda:property name="retry" value="{retry}"/></camunda:properties>'
+    field.deploy(DRIVES.replace("</camunda:properties>", stated))
+    end_engine(field, in_order=True)
+    (instance,) = field.engine.running.instances
+    assert (instance.status, len(driver.goals), len(driver.cancelled)) == (status, goals, 1)
+    assert (
+        f"act('drive'): it was cancelled when the engine ended, and its fate is unknown; retry: {retry}" in field.notes
+    )

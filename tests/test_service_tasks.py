@@ -278,8 +278,17 @@ def test_a_refused_cancel_is_reported_until_the_goal_ends_and_the_next_goal_is_s
     assert place.end(instance).status == "completed"
 
 
-def test_a_goal_may_wait_until_cancelled_ones_have_ended(here: World, place: Place) -> None:
-    instance = stopped(here, place, twice(wait_cancelled="60"))
+def scripted(wait: float, more: str = "") -> str:
+    """As `twice`, with a script for the second drive."""
+    task = f"await robot.act('drive', '{DRIVE}', wait_cancelled={wait}, distance=1)"
+    second = twice(more).rpartition('<serviceTask id="u">')
+    rest = second[2].partition("</serviceTask>")[2]
+    return f'{second[0]}<scriptTask id="u"><script>{task}</script></scriptTask>{rest}'
+
+
+@pytest.mark.parametrize("text", [twice(wait_cancelled="60"), scripted(60)])
+def test_a_goal_may_wait_until_cancelled_ones_have_ended(here: World, place: Place, text: str) -> None:
+    instance = stopped(here, place, text)
     until(here, lambda: place.reports)
     soon(here)
     assert len(place.server.goals) == 1
@@ -290,10 +299,12 @@ def test_a_goal_may_wait_until_cancelled_ones_have_ended(here: World, place: Pla
     assert place.end(instance).status == "completed"
 
 
-def test_a_goal_that_waits_in_vain_fails_and_a_model_hears_of_it(here: World, place: Place) -> None:
+@pytest.mark.parametrize("by_script", [False, True])
+def test_a_goal_that_waits_in_vain_fails_and_a_model_hears_of_it(here: World, place: Place, by_script: bool) -> None:
     heard = """<subProcess id="k" triggeredByEvent="true"><startEvent id="ks" isInterrupting="false">
       <signalEventDefinition signalRef="T"/></startEvent></subProcess>"""
-    text = twice(heard, wait_cancelled="0.3").replace("<error ", '<signal id="T" name="~/still_running"/><error ', 1)
+    second = scripted(0.3, heard) if by_script else twice(heard, wait_cancelled="0.3")
+    text = second.replace("<error ", '<signal id="T" name="~/still_running"/><error ', 1)
     instance = place.end(stopped(here, place, text))
     assert (instance.error.code, instance.variables["still_running"]) == ("still_running", "/REX/drive")
     assert len(place.server.goals) == 1

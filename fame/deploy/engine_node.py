@@ -452,9 +452,8 @@ class EngineNode:
         if self.running is not None and self.running.acknowledged is not None and not migrates:
             self.running.acknowledged.leave()
         if self.running is not None:
-            candidate.process.runner.cancelled.adopt(
-                self.running.runner.cancelled, candidate.process.runner.inbox.action
-            )
+            runner = candidate.process.runner
+            runner.cancelled.take_up(self.running.runner.cancelled.table(), runner.inbox.action)
         self._close_running("suspended" if migrates else "terminated")
         self.running = None
         start = partial(self._start, candidate, go_on, migrates)

@@ -11,7 +11,7 @@ no effect: it leaves at once.
 
 The requests (goals, service calls) of a task are numbered. A task that was waiting starts again on resumption; its
 request of the same number takes up the goal of before, if the server still knows it, and otherwise does what the task's
-property ``retry`` says.
+property ``retry`` says. The goal of a task that is cancelled before it comes to that is cancelled.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from fame.middleware import messages
 from fame.middleware.interface import Publisher
 from fame.robot.journal import Journal, JournalRecord
 from fame.robot.node import RobotNode
-from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of
+from fame.robot.restoring import epoch_of, follow_cancelled, go_on, set_timers, tables_of
 from fame.robot.state_tables import StateTables, TableRows, Tables, instance_data
 from fame.robot.state_transfer import arm_taken_over
 from fame.robot.stored_values import plain_messages
@@ -89,6 +89,9 @@ class DurableRecorder:
         self._next = 1
         self._requests: dict[Wait, list[str]] = {}
         self._made: dict[Wait, int] = {}
+        self._goals: dict[Wait, list[str]] = {}  # the last of each task: hex id, action, type
+        self._left: set[Wait] = set()  # tasks that have not taken up their goal of before
+        self._given_up: TableRows = {}  # goals of before that were cancelled
         over = [instance for instance in node.instances if instance.status != "running"][-_ENDED:]
         program = node.engine.program
         self._ended: dict[str, Any] = {str(each.key): instance_data(each, program) for each in over}
@@ -184,12 +187,13 @@ class DurableRecorder:
 
     def _record(self, *, whole: bool = False) -> JournalRecord:
         """The changes since the last record, or the whole state; empty if nothing has changed."""
-        if self._requests:
-            self._requests = {wait: made for wait, made in self._requests.items() if wait.alive}
+        for wait in [wait for wait in self._requests if not wait.alive]:
+            self._forget_requests(wait)
         more: Tables = {
             **tables_of(self.node, self._epoch),
             "effects": self._recorded,
             "requests": {str(wait.key): made for wait, made in self._requests.items()},
+            "goals": {str(wait.key): goal for wait, goal in self._goals.items()},
             "recorder": {"next": self._next},
             **self._begins,
         }
@@ -219,6 +223,7 @@ class DurableRecorder:
         try:
             if not self._quiet and not self._trouble:
                 self._flush()
+                self._give_up_goals()
         except OSError as error:
             reason = error.strerror or str(error)
             self.node.host.report("", f"its last changes are not on the disk, and what they send is not sent: {reason}")
@@ -235,6 +240,13 @@ class DurableRecorder:
             self.journal.flush()
             for batch in list(self._leaving):
                 self._let_leave(batch)
+
+    def _give_up_goals(self) -> None:
+        """Record the goals that end with this engine: the next one makes sure of it, and sends them again."""
+        runner = self.node.runner
+        followed = {goal[0]: [*goal[1:], False] for wait, goal in self._goals.items() if runner.follows_goal(wait.key)}
+        if followed:
+            self.journal.append({"time": self.now, "set": {"cancelled": followed}})
 
     # ---- effects -----------------------------------------------------------------------------------------------------
 
@@ -303,10 +315,14 @@ class DurableRecorder:
         number = self._made.get(wait, 0)
         self._made[wait] = number + 1
         known = self._requests.setdefault(wait, [])
+        if number >= len(known) - 1:
+            self._left.discard(wait)
         if number >= len(known):
             self._ask(wait, number, request, begin)
+        elif (goal := self._goal(known[number])).hex() in self._given_up:
+            lost("it was cancelled when the engine ended")
         elif attach is not None:
-            attach(self._goal(known[number]))
+            attach(goal)
         else:
             lost("it was made before the engine ended")
 
@@ -325,7 +341,23 @@ class DurableRecorder:
         id, self._next = str(self._next), self._next + 1
         self._outbox.append(_Request([kind, name, wait.node.id], partial(begin, self._goal(id))))
         self._requests[wait] = [*self._requests.get(wait, [])[:number], id]
+        if isinstance(request, Act):
+            self._goals[wait] = [self._goal(id).hex(), request.action, request.type]
         self.node.scheduler.soon(self.settled, Kind.RESUMPTION)
+
+    def task_cancelled(self, key: int) -> None:
+        """Forget the requests of a task that is cancelled: should it start again, it makes them anew."""
+        if (wait := self.node.engine.waits.get(key)) is not None:
+            self._forget_requests(wait)
+
+    def _forget_requests(self, wait: Wait) -> None:
+        """Forget those of a task, and cancel its goal of before unless it has taken that up."""
+        for table in (self._requests, self._made):
+            table.pop(wait, None)
+        goal, runner = self._goals.pop(wait, None), self.node.runner
+        if goal is not None and wait in self._left:
+            runner.cancelled.take_up({goal[0]: (*goal[1:], False)}, runner.inbox.action)
+        self._left.discard(wait)
 
     def _goal(self, id: str) -> bytes:
         """The id of a goal: the same after every resumption."""
@@ -381,11 +413,14 @@ class DurableRecorder:
         self._requests = {
             waits[int(key)]: made for key, made in tables.get("requests", {}).items() if int(key) in waits
         }
+        self._goals = {waits[int(key)]: goal for key, goal in tables.get("goals", {}).items() if int(key) in waits}
+        self._left, self._given_up = set(self._goals), tables.get("cancelled", {})
         self._ended = dict(tables.get("ended", {}))
         self._recorded = dict(tables.get("effects", {}))
         self._leaving = {batch: list(self._again(found)) for batch, found in self._recorded.items()}
         self._next = tables["recorder"]["next"]
         node.host.make_safe("suspended")
+        follow_cancelled(node, tables)
         missed = set_timers(node, tables, max(0, set_back))
         begins = tables.get("begins", {}).get("")
         self._quiet = True  # until the new state is written as a whole, a second crash finds the old one

@@ -48,6 +48,9 @@ class Outbox(Protocol):
     def instance_ended(self, instance: Instance) -> None:
         """Record the end of an instance."""
 
+    def task_cancelled(self, key: int) -> None:
+        """Forget the requests of a task that is cancelled."""
+
     def note(self, text: str) -> None:
         """Add a line for people to the next record."""
 
@@ -179,6 +182,8 @@ class EngineHost:
         self.runner.start(key, script)
 
     def cancel(self, key: int) -> bool:
+        if self.recorder is not None:
+            self.recorder.task_cancelled(key)
         return self.runner.cancel(key)
 
     def _on_timer(self, key: int, last: bool) -> None:

@@ -37,6 +37,7 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
         "suspension": node.suspension.table(epoch),
         "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
         "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
+        "cancelled": host.runner.cancelled.table(),
     }
 
 
@@ -60,6 +61,12 @@ def set_timers(node: RobotNode, tables: Tables, set_back: int = 0) -> list[Wait]
             node.host.timers.cancel(key)
             failed.append(engine.waits[key])
     return failed
+
+
+def follow_cancelled(node: RobotNode, tables: Tables) -> None:
+    """Cancel the goals once more that were cancelled before and had not ended, and report them anew."""
+    goals = {id: (action, type, False) for id, (action, type, _) in tables.get("cancelled", {}).items()}
+    node.runner.cancelled.take_up(goals, node.runner.inbox.action)
 
 
 def go_on(node: RobotNode) -> None:
@@ -127,5 +134,6 @@ def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
 def load(node: RobotNode, contents: SegmentContents) -> None:
     """Restore a loaded robot from a file, and continue it. Raises ConfigError for the state of another program."""
     tables = restored(node, contents)
+    follow_cancelled(node, tables)
     set_timers(node, tables)
     go_on(node)

@@ -12,6 +12,8 @@ values     variables, by number of the dict and name
 timers     by key: kind, text, the date they count from (ns since 1970), how often they have fired
 totals     instances started, completed and failed, and elements completed in those that are over
 ended      the last instances that are over
+cancelled  goals that were cancelled and have not ended (`fame.scripting.cancelled_goals`), by hex id
+goals      the last goal of each waiting task, by key: hex id, action, type
 begins     how a process that has not started yet is to: as a ``process``, or with a state that it has ``taken over``
 suspension  the person who suspended the mission, and when (ns since 1970)
 thrown, receivers, accepted   acknowledged signals (`fame.robot.acknowledged`)

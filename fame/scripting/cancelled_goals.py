@@ -6,11 +6,13 @@ that has not ended `BOUND` later, is reported, once, and again when it has ended
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.errors import MessageError
 from fame.middleware.actions import ActionClient, Goal
 
 BOUND = 5.0
@@ -57,11 +59,22 @@ class CancelledGoals:
         if client.cancelled.get(goal.id) is goal:
             self._add(client, goal, told=False)
 
-    def adopt(self, others: CancelledGoals, client_of: Callable[[str, str], ActionClient]) -> None:
-        """Take over the goals of a process that ends. `client_of` gives the client of an action by name and type."""
-        for one in tuple(others._goals.values()):
-            client = client_of(one.client.name, one.client.type)
-            self._add(client, client.cancel(one.goal.id), told=one.told)
+    def table(self) -> dict[str, list[Any]]:
+        """Return them as plain data: hex id -> name and type of the action, and whether it was reported."""
+        return {id.hex(): [one.client.name, one.client.type, one.told] for id, one in self._goals.items()}
+
+    def take_up(self, table: Mapping[str, Sequence[Any]], client_of: Callable[[str, str], ActionClient]) -> None:
+        """Cancel the goals of a `table`, of a process that has ended, once more, and follow them.
+
+        `client_of` gives the client of an action by name and type; it may raise MessageError.
+        """
+        for id, (name, type, told) in table.items():
+            try:
+                client = client_of(name, type)
+            except MessageError as error:
+                self._report(f"{name}: a cancelled goal may still run: {error}")
+                continue
+            self._add(client, client.cancel(bytes.fromhex(id)), told=told)
 
     def actions(self) -> list[str]:
         """Return the full name of each action with such a goal, in order."""

@@ -18,7 +18,7 @@ from fame.clock import EPOCH, SECOND, date_at
 from fame.engine.host import BpmnError
 from fame.middleware.interface import AnyMessage
 from fame.scripting.budget import DEFAULT, Budget
-from fame.scripting.requests import Act, Call, Inbox, MessageQueue, Receive, Sleep, Until, check_topic
+from fame.scripting.requests import Act, Call, Inbox, MessageQueue, Receive, Sleep, Until, check_seconds, check_topic
 
 NAMES = ("robot", "signal", "BpmnError", "log", "print", "math", "sleep", "receive", "until")
 """The names of the interface. A variable of such a name hides it."""
@@ -101,11 +101,23 @@ class Robot:
         return Call(service, type, fields)
 
     def act(
-        self, action: str, type: str, /, on_feedback: Callable[[AnyMessage], object] | None = None, **fields: Any
+        self,
+        action: str,
+        type: str,
+        /,
+        on_feedback: Callable[[AnyMessage], object] | None = None,
+        *,
+        wait_cancelled: float = 0.0,
+        **fields: Any,
     ) -> Act:
-        """``result = await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose={...})``."""
+        """``result = await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose={...})``.
+
+        `wait_cancelled` is for how long it waits until cancelled goals of the action have ended (s), before BpmnError
+        ``still_running``.
+        """
         check_topic("robot.act", action)
-        return Act(action, type, fields, on_feedback)
+        check_seconds("robot.act: wait_cancelled", wait_cancelled)
+        return Act(action, type, fields, on_feedback, wait_cancelled or 0.0)
 
 
 def mission_date(variables: Mapping[str, Any]) -> datetime | None:

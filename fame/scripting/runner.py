@@ -197,6 +197,11 @@ class Runner:
         task = self._tasks.get(key)
         return str(task.request) if task is not None and task.request is not None else ""
 
+    def follows_goal(self, key: int) -> bool:
+        """Return whether a script waits for the end of a goal that was sent."""
+        task = self._tasks.get(key)
+        return task is not None and isinstance(task.request, Act) and task.heard is not None
+
     def server_silence(self, key: int) -> tuple[str, int] | None:
         """Return what is to be known of the server of an awaited request, and since when (ns); None if it is at work.
 

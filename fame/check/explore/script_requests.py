@@ -8,9 +8,11 @@ from collections.abc import Iterator
 from fame.bpmn import model
 from fame.check.explore.purity import waits
 from fame.check.expressions import syntax_tree
+from fame.scripting.requests import STILL_RUNNING
 
-_CAUGHT_BY = {"act": {"BpmnError", "Exception", "BaseException"}, "call": {"Exception", "BaseException"}}
-_CODES = {"act": {"aborted", "canceled", "rejected"}, "call": {"script"}}
+_BROAD = {"Exception", "BaseException"}
+_CAUGHT_BY = {"robot.act": {"BpmnError", *_BROAD}, "robot.call": _BROAD, "wait_cancelled": {"BpmnError", *_BROAD}}
+_CODES = {"robot.act": {"aborted", "canceled", "rejected"}, "robot.call": {"script"}, "wait_cancelled": {STILL_RUNNING}}
 
 
 def outcomes(script: model.Expression | None) -> set[str]:
@@ -23,13 +25,17 @@ def outcomes(script: model.Expression | None) -> set[str]:
 
 
 def _asked(tree: ast.AST) -> Iterator[str]:
-    """``act`` and ``call`` of each request whose failure leaves the script."""
+    """The keys of `_CODES` of each request whose failure leaves the script."""
     tries = [node for node in ast.walk(tree) if isinstance(node, ast.Try)]
     for name, broad in _CAUGHT_BY.items():
         inside = {id(inner) for one in tries if any(_catches(handler, broad) for handler in one.handlers)
                   for line in one.body for inner in ast.walk(line)}  # fmt: skip
-        outside = (node for node in ast.walk(tree) if isinstance(node, ast.Attribute) and id(node) not in inside)
-        yield from (name for node in outside if ast.unparse(node) == f"robot.{name}")
+        outside = (node for node in ast.walk(tree) if id(node) not in inside)
+        yield from (name for node in outside if _name(node) == name)
+
+
+def _name(node: ast.AST) -> str | None:
+    return node.arg if isinstance(node, ast.keyword) else ast.unparse(node) if isinstance(node, ast.Attribute) else ""
 
 
 def _catches(handler: ast.ExceptHandler, broad: set[str]) -> bool:
