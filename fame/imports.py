@@ -11,44 +11,76 @@ from linecache import getlines
 from pathlib import Path
 from typing import Any
 
-from fame.errors import UnavailableError
+from fame.errors import FameError, UnavailableError
 
-_EXTRAS = {
-    "PIL": ("animations need Pillow", "sim"),
-    "resvg_py": ("films with a diagram need resvg-py (--show world does without it)", "sim"),
-    "orjson": ("--state needs orjson", "all"),
-    "joblib": ("campaigns need joblib", "campaign"),
+_PAGE = "the page needs starlette, uvicorn and websockets"
+_ZENOH = "Zenoh needs eclipse-zenoh and xxhash (--middleware dds does without them)"
+EXTRAS = {
+    "PIL": ("pictures and animations need Pillow", "sim"),
+    "cryptography": ("signing needs cryptography", "dds"),
+    "cyclonedds": ("DDS needs Eclipse Cyclone DDS (--middleware ros uses that of ROS 2)", "dds"),
     "distributed": ("--backend dask needs distributed", "dask"),
-    "ray": ("--backend ray needs ray", "ray"),
+    "hypothesis": ("strategies for tests need hypothesis", "test"),
+    "joblib": ("campaigns and learning need joblib", "campaign"),
     "matplotlib": ("pictures and plots need matplotlib", "sim"),
-    "pandas": ("tables of events need pandas", "pandas"),
-    "prometheus_client": ("--metrics needs prometheus-client", "metrics"),
-    "pytest": ("tests of missions need pytest", "test"),
-    "pyarrow": ("Parquet files need pyarrow", "parquet"),
-    "pymunk": ("the 2D world needs pymunk", "sim"),
-    "scipy": ("paths and runs of arms need scipy", "sim"),
-    "starlette": ("the page needs starlette, uvicorn and websockets", "view"),
-    "uvicorn": ("the page needs starlette, uvicorn and websockets", "view"),
-    "websockets": ("the page needs starlette, uvicorn and websockets", "view"),
-    "sklearn": ("training needs scikit-learn", "ml"),
     "onnx": ("ONNX files need the package onnx", "onnx"),
     "onnxruntime": ("ONNX files need the package onnxruntime", "onnx"),
+    "pandas": ("tables of events need pandas", "pandas"),
+    "prometheus_client": ("--metrics needs prometheus-client", "metrics"),
+    "pyarrow": ("Parquet files need pyarrow", "parquet"),
+    "pymunk": ("the 2D world needs pymunk", "sim"),
+    "pytest": ("tests of missions need pytest", "test"),
+    "quickjs": ("JavaScript needs the engine quickjs-ng", "js"),
+    "ray": ("--backend ray needs ray", "ray"),
+    "resvg_py": ("films with a diagram need resvg-py (--show world does without it)", "sim"),
+    "scipy": ("arms, paths and intervals need scipy", "sim"),
+    "sklearn": ("learning needs scikit-learn", "ml"),
+    "skops": ("learned models need skops", "ml"),
+    "starlette": (_PAGE, "view"),
+    "uvicorn": (_PAGE, "view"),
+    "websockets": (_PAGE, "view"),
+    "xxhash": (_ZENOH, "zenoh"),
+    "zenoh": (_ZENOH, "zenoh"),
 }
-"""By package: what needs it, and the extra that installs it."""
+"""By package outside of the base installation: what needs it, and the extra that installs it."""
+BASE = {**{name: name for name in ("lxml", "mcap", "numpy", "orjson", "rosbags")}, "yaml": "pyyaml"}
+"""The packages of the base installation, by module: a workspace of ROS that colcon built alone may lack some."""
 
 
-def require(package: str) -> None:
-    """Raise UnavailableError, with the command that installs it, if the package is not there. Nothing is imported."""
-    if find_spec(package) is None:
-        text, extra = _EXTRAS[package]
-        raise UnavailableError(f"{text}: pip install 'fame-robots[{extra}]'")
+def require(*packages: str) -> None:
+    """Raise UnavailableError, with the command that installs it, for a package that is missing. Nothing is imported."""
+    for package in packages:
+        if find_spec(package) is None:
+            raise _unavailable(package)
 
 
-def hidden(error: BaseException) -> str:
-    """Say which folder of the user hides a package of FAME, if that is why an import failed; else nothing."""
+def _unavailable(package: str) -> UnavailableError:
+    text, extra = EXTRAS.get(package, (f"FAME needs {package}", ""))
+    return UnavailableError(f"{text}: {install(extra) if extra else f'pip install {BASE[package]}'}")
+
+
+def install(extra: str) -> str:
+    """Return the command that installs an extra."""
+    return f"pip install 'fame-robots[{extra}]'"
+
+
+def explained(error: BaseException | None) -> FameError | None:
+    """Return what to say of an import that failed, also as the cause of another error: that a package of an extra is
+    missing, or that a folder of the user hides a package of FAME. None for any other error."""
+    while error is not None and not isinstance(error, ImportError):
+        error = error.__cause__
     top = str(getattr(error, "name", None) or "").partition(".")[0]
+    if top in (*EXTRAS, *BASE):
+        broken = UnavailableError(f"{top} is installed, but cannot be imported ({error}): install it again")
+        return _unavailable(top) if find_spec(top) is None else broken
+    reason = _hidden(top)
+    return FameError(reason) if reason else None
+
+
+def _hidden(top: str) -> str:
+    """Say which folder of the user hides a package of FAME; else nothing."""
     home = Path(__file__).parent.parent
-    if not isinstance(error, ImportError) or not top or not (home / top / "__init__.py").is_file():
+    if not top or not (home / top / "__init__.py").is_file():
         return ""
     spec = find_spec(top)
     places = [Path(place) for place in (spec.submodule_search_locations or ())] if spec is not None else []

@@ -122,8 +122,7 @@ def _check(record: WorldRecord, path: str | PathLike[str]) -> None:
     """Raise ConfigError if nothing was recorded, UnavailableError if a package is missing."""
     if not record.times:
         raise ConfigError("expected a run of at least one step, got nothing recorded", file=str(path))
-    for package in ("PIL", "matplotlib"):
-        require(package)
+    require("PIL", "matplotlib")
 
 
 def _counted(frames: Iterator[Image], count: int, progress: Callable[[int, int], object] | None) -> Iterator[Image]:

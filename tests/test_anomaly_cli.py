@@ -166,4 +166,4 @@ def test_without_the_extra_learning_names_it(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "learning.yaml").write_text(LEARNING.format(chain="'robots.arm:mh5.yaml'"))
     monkeypatch.setattr("fame.imports.find_spec", lambda name: None)
     assert main(["monitor", "adm", "learn", str(tmp_path / "learning.yaml")]) == 2
-    assert "training needs scikit-learn: pip install 'fame-robots[ml]'" in capsys.readouterr().err
+    assert "learning needs scikit-learn: pip install 'fame-robots[ml]'" in capsys.readouterr().err

@@ -47,7 +47,7 @@ TEXTS = [path for kind in KINDS for path in ROOT.glob(kind) if path.suffix in ("
 
 
 def test_every_extra_that_is_named_anywhere_exists() -> None:
-    named = {extra for _, extra in imports._EXTRAS.values()}
+    named = {extra for _, extra in imports.EXTRAS.values()}
     for path in TEXTS:
         for text in re.findall(r"(?:fame-robots|\.)\[([a-z,]+)\]'", path.read_text(encoding="utf-8")):
             named.update(text.split(","))

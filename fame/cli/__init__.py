@@ -135,10 +135,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         except Exception as error:
             if interrupts:
                 return _report(FameError("interrupted"), error, given, _INTERRUPTED)
-            from fame.imports import hidden
+            from fame.imports import explained
 
-            if reason := hidden(error):
-                return _report(FameError(reason), error, given, 2)
+            if (reason := explained(error)) is not None:
+                return _report(reason, error, given, 2)
             text = f"{type(error).__name__}: {error} (this is a bug in FAME; set FAME_DEBUG=1 for the traceback)"
             return _report(FameError(text), error, given, 1)
     return code

@@ -75,8 +75,7 @@ def run(arguments: Namespace) -> int:
     from fame.scenario.campaign import run_campaign
     from fame.scenario.campaign_report import interval, summary, text_report, write_reports
 
-    for package in ("joblib", "matplotlib", "scipy"):  # before a folder is written, which would be in the way
-        require(package)
+    require("joblib", "matplotlib", "scipy")  # before a folder is written, which would be in the way
     if arguments.property is not None and arguments.width is None:
         raise ConfigError("--property needs --width W")
     campaign, folder = _campaign(arguments)

@@ -76,8 +76,7 @@ def run_demo(arguments: Namespace) -> int:
     from fame.cli import main
     from fame.imports import require
 
-    for package in ("pymunk", "matplotlib", "PIL"):
-        require(package)
+    require("pymunk", "matplotlib", "PIL", "resvg_py")
     if not Path(DEMO, project.FILE).is_file():
         write(DEMO, DEMO)
     out = f"{DEMO}/out/run"

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.config.scalars import PLAIN, core_loader, note_scalar
 from fame.config.values import ConfigValue, Source, join
-from fame.errors import ConfigError
-from fame.imports import hidden
+from fame.errors import ConfigError, FameError
+from fame.imports import explained
 from fame.text import open_file, unreadable
 
 if TYPE_CHECKING:
@@ -160,10 +160,10 @@ def _module(name: str, folder: Path) -> Any:
     """A module by name or from a file. Raises ConfigError."""
     try:
         return _from_file((folder / name).resolve()) if name.endswith(".py") else importlib.import_module(name)
-    except ConfigError:
+    except FameError:
         raise
     except Exception as error:  # whatever the code of a user's module raises
-        reason = hidden(error) or f"{type(error).__name__}: {error}"
+        reason = explained(error) or f"{type(error).__name__}: {error}"
         raise ConfigError(f"{name} cannot be imported: {reason}") from error
 
 

@@ -19,7 +19,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.errors import ConfigError, DeploymentError, UnavailableError
+from fame.errors import ConfigError, DeploymentError
+from fame.imports import require
 from fame.text import open_file
 
 if TYPE_CHECKING:
@@ -262,9 +263,8 @@ def _read(path: Path, load: Any) -> Any:
 
 @cache
 def _cryptography() -> tuple[Any, Any]:
-    try:
-        from cryptography.hazmat.primitives import serialization
-        from cryptography.hazmat.primitives.asymmetric import ed25519
-    except ImportError:
-        raise UnavailableError("signing needs cryptography: pip install 'fame-robots[dds]'") from None
+    require("cryptography")
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric import ed25519
+
     return ed25519, serialization

@@ -325,8 +325,7 @@ def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: 
 
 def _read_parquet(path: Path, special: Special) -> CsvTable:
     """Read the numbers of a Parquet file; dates in s since 1970. Raises ConfigError, UnavailableError."""
-    require("pandas")
-    require("pyarrow")
+    require("pandas", "pyarrow")
     import pandas as pd
 
     try:

@@ -230,12 +230,13 @@ def _choice(variables: Mapping[str, Any], name: str, known: tuple[str, ...]) -> 
     return value
 
 
+_LEARNING = ("sklearn", "skops")
 SERVICES: Mapping[str, BuiltInService] = {
     "adm_collect": BuiltInService(CollectService, required=("output", "label"), results=("runs_collected",)),
-    "adm_learn": BuiltInService(_adm_learn, required=("config",), results=("classifier",)),
-    "adm_operate": BuiltInService(_adm_operate, required=("model",)),
+    "adm_learn": BuiltInService(_adm_learn, required=("config",), results=("classifier",), packages=_LEARNING),
+    "adm_operate": BuiltInService(_adm_operate, required=("model",), packages=_LEARNING),
     "process": BuiltInService(_process, required=("configuration",)),
     "record": BuiltInService(_record, required=("configuration", "output")),
     WATCH: BuiltInService(_watch_property, required=("property", "sentence")),
-    "train": BuiltInService(_train, required=("configuration",), results=("model", "thresholds")),
+    "train": BuiltInService(_train, required=("configuration",), results=("model", "thresholds"), packages=_LEARNING),
 }

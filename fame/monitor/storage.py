@@ -23,7 +23,8 @@ from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 
-from fame.errors import ConfigError, UnavailableError
+from fame.errors import ConfigError
+from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
 from fame.text import similar_file, writing
 from fame.version import current as fame_version
@@ -269,9 +270,7 @@ def _unpacked(file: Path | IO[bytes], most: int) -> int:
 
 
 def _skops() -> Any:
-    try:
-        import skops.io
-    except ImportError:
-        text = "learning and operating need scikit-learn and skops: pip install 'fame-robots[ml]'"
-        raise UnavailableError(text) from None
+    require("sklearn", "skops")
+    import skops.io
+
     return skops.io

@@ -17,6 +17,7 @@ from fame.engine import Engine, Instance
 from fame.engine.program import Compiled
 from fame.engine.state import Trail
 from fame.errors import MissionError, ModelError
+from fame.imports import require
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node, Publisher, resolve
 from fame.robot.endpoints import Endpoints
@@ -110,6 +111,7 @@ class EngineHost:
         if operation in services:
             return services[operation]
         if operation in built_in:
+            require(*built_in[operation].packages)
             return compile_service(built_in[operation].start, self._service_context(element))
         processes = (process for home, process in self._mission.processes() if home.file == file)
         found = ros_service_task(processes, element)

@@ -66,11 +66,13 @@ class BuiltInService:
 
     required  variables that it needs
     results   variables that it sets when it ends by itself
+    packages  what it imports of extras: a mission that lacks one is refused before it moves
     """
 
     start: StartService
     required: tuple[str, ...] = ()
     results: tuple[str, ...] = ()
+    packages: tuple[str, ...] = ()
 
 
 class CommandService:

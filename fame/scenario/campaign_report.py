@@ -210,8 +210,7 @@ def write_reports(rows: Sequence[CampaignRow], folder: Path, scenario: str, *, p
     columns = list(dict.fromkeys(name for row in flat for name in row))
     table = folder / ("runs.parquet" if parquet else "runs.csv")
     if parquet:
-        require("pandas")
-        require("pyarrow")
+        require("pandas", "pyarrow")
         import pandas
 
         texts = [

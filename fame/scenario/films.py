@@ -37,8 +37,7 @@ def check_film(path: Path, endings: Sequence[str] = (*FILMS, PICTURE), show: Sho
         text = f"expected a file with the ending {' or '.join(endings)}, got {path.suffix!r}"
         raise ConfigError(text, file=str(path))
     with_diagram = show != "world" and path.suffix.lower() != PICTURE
-    for package in ("matplotlib", "PIL", *["resvg_py"] * with_diagram):
-        require(package)
+    require("matplotlib", "PIL", *["resvg_py"] * with_diagram)
     if path.suffix.lower() == ".mp4":
         from sim2d.animation import ffmpeg
 

@@ -120,8 +120,7 @@ class Server(Closing):
         people: Sequence[Person] = (),
         tls: tuple[Path, Path] | None = None,
     ) -> None:
-        for package in ("starlette", "uvicorn", "websockets"):
-            require(package)
+        require("starlette", "uvicorn", "websockets")
         self._tls = tls
         if tls is not None:
             _check_certificate(*tls)

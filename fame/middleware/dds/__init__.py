@@ -15,15 +15,11 @@ the package raises UnavailableError where Cyclone is not installed.
     domain       domain and network interface; sockets bound to loopback
 """
 
-from fame.errors import UnavailableError
+from fame.imports import require
 
-try:
-    import cyclonedds  # noqa: F401
-except ImportError:
-    text = "DDS needs Eclipse Cyclone DDS: pip install 'fame-robots[dds]' (or use ROS 2's: --middleware ros)"
-    raise UnavailableError(text) from None
+require("cyclonedds")
 
-from fame.middleware.data_scheduler import DataScheduler as DdsScheduler
-from fame.middleware.dds.middleware import DdsMiddleware
+from fame.middleware.data_scheduler import DataScheduler as DdsScheduler  # noqa: E402
+from fame.middleware.dds.middleware import DdsMiddleware  # noqa: E402
 
 __all__ = ["DdsMiddleware", "DdsScheduler"]

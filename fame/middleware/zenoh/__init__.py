@@ -11,16 +11,11 @@ the package raises UnavailableError where Zenoh is not installed.
     session      which peers and routers to connect to: processes of a machine by themselves, others through a router
 """
 
-from fame.errors import UnavailableError
+from fame.imports import require
 
-try:
-    import xxhash  # noqa: F401
-    import zenoh  # noqa: F401
-except ImportError:
-    text = "Zenoh needs eclipse-zenoh and xxhash: pip install 'fame-robots[zenoh]' (or use DDS: --middleware dds)"
-    raise UnavailableError(text) from None
+require("xxhash", "zenoh")
 
-from fame.middleware.zenoh.middleware import ZenohMiddleware
-from fame.middleware.zenoh.session import locators, open_router
+from fame.middleware.zenoh.middleware import ZenohMiddleware  # noqa: E402
+from fame.middleware.zenoh.session import locators, open_router  # noqa: E402
 
 __all__ = ["ZenohMiddleware", "locators", "open_router"]

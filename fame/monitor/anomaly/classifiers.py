@@ -19,7 +19,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fame.errors import ConfigError, UnavailableError
+from fame.errors import ConfigError
+from fame.imports import require
 from fame.monitor.anomaly.benign_changes import PathParameters
 from fame.monitor.anomaly.learning_file import DEFAULTS as DEFAULTS, CandidateClassifier, Learning
 from fame.monitor.anomaly.model import DataProcess, Model, PointClassifier
@@ -69,10 +70,8 @@ def make(candidate: CandidateClassifier, folder: Path, scaling: str = "minmax") 
     if module is None:
         known = ", ".join(sorted([*_HOMES, "PathDetector"]))
         raise candidate.error("class", f"expected one of {known}, got {candidate.cls!r}")
-    try:
-        cls = getattr(import_module(f"sklearn.{module}"), candidate.cls.rpartition(".")[2])
-    except ImportError:
-        raise UnavailableError("learning needs scikit-learn: pip install 'fame-robots[ml]'") from None
+    require("sklearn")
+    cls = getattr(import_module(f"sklearn.{module}"), candidate.cls.rpartition(".")[2])
     defaults: dict[str, Any] = {"novelty": True} if candidate.cls.endswith("LocalOutlierFactor") else {}
     if "random_state" in inspect.signature(cls).parameters:
         defaults["random_state"] = 0  # the same data, the same model

@@ -15,7 +15,8 @@ from typing import Any, Literal
 
 from fame.bpmn.model import Expression
 from fame.engine.host import BpmnError
-from fame.errors import ModelError, UnavailableError
+from fame.errors import ModelError
+from fame.imports import require
 from fame.scripting.python import source_name
 
 MEMORY = 64 * 2**20
@@ -36,10 +37,9 @@ AT_ONE_INSTANT = 100_000
 
 def new_context() -> Any:
     """Create a context with these limits, without files, network, modules or Python. Raises UnavailableError."""
-    try:
-        import quickjs
-    except ImportError:
-        raise UnavailableError("JavaScript needs the engine quickjs-ng: pip install 'fame-robots[js]'") from None
+    require("quickjs")
+    import quickjs
+
     context = quickjs.Context()
     context.set_memory_limit(MEMORY)
     context.set_max_stack_size(STACK)
