@@ -5,13 +5,13 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from importlib.util import find_spec
 from linecache import getlines
 from pathlib import Path
 from typing import Any
 
 from fame.errors import FameError, UnavailableError
+from fame.rooms import install, load, missing
 
 _PAGE = "the page needs starlette, uvicorn and websockets"
 _ZENOH = "Zenoh needs eclipse-zenoh and xxhash (--middleware dds does without them)"
@@ -59,22 +59,18 @@ def _unavailable(package: str) -> UnavailableError:
     return UnavailableError(f"{text}: {install(extra) if extra else f'pip install {BASE[package]}'}")
 
 
-def install(extra: str) -> str:
-    """Return the command that installs an extra."""
-    return f"pip install 'fame-robots[{extra}]'"
-
-
 def explained(error: BaseException | None) -> FameError | None:
-    """Return what to say of an import that failed, also as the cause of another error: that a package of an extra is
-    missing, or that a folder of the user hides a package of FAME. None for any other error."""
+    """Return what to say of an import that failed, also as the cause of another error: that a room or a package of an
+    extra is missing, or that a folder of the user hides a package of FAME. None for any other error."""
     while error is not None and not isinstance(error, ImportError):
         error = error.__cause__
+    if error is not None and (reason := missing(error)) is not None:
+        return reason
     top = str(getattr(error, "name", None) or "").partition(".")[0]
     if top in (*EXTRAS, *BASE):
         broken = UnavailableError(f"{top} is installed, but cannot be imported ({error}): install it again")
         return _unavailable(top) if find_spec(top) is None else broken
-    reason = _hidden(top)
-    return FameError(reason) if reason else None
+    return FameError(text) if (text := _hidden(top)) else None
 
 
 def _hidden(top: str) -> str:
@@ -103,6 +99,6 @@ def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]],
     def getattr_(name: str) -> Any:
         if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(modules[name]), name)
+        return load(f"{modules[name]}:{name}")
 
     return getattr_, public.copy, public

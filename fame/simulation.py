@@ -18,7 +18,6 @@ from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
 from fame.errors import ConfigError, ModelError, expect
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.services import SERVICES
 from fame.randomness import SEEDS, ModuleRandom, robot_random
 from fame.robot import Event, Mission, RobotNode, ServiceFunction, make_mission
 from fame.robot.options import RobotOptions
@@ -91,7 +90,6 @@ class Simulation:
             scheduler=self.scheduler,
             middleware=self.middleware,
             options=RobotOptions(
-                built_in_services=SERVICES,
                 observer=observer,
                 on_report=self.reports.append,
                 strict=strict,

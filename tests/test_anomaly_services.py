@@ -16,7 +16,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.nodes import TYPE
 from fame.monitor.anomaly.recording import read_csv, write_csv
-from fame.monitor.services import SERVICES
+from fame.monitor.services import adm_operate
 from fame.robot.services import CommandService, ServiceContext
 from robots.arm.sabotage import alter, knots
 from robots.arm.task import FILE, MH5
@@ -166,4 +166,4 @@ def test_a_threshold_that_no_score_could_meet_is_refused_before_anything_is_watc
     scheduler = Scheduler()
     context = ServiceContext("ARM", "ARM", LocalMiddleware(scheduler), scheduler, tmp_path, print, print, print)
     with pytest.raises(ConfigError, match="expected a number from 0 to 1"):
-        SERVICES["adm_operate"].start(context, {"model": "best.skops", "threshold": threshold})
+        adm_operate(context, {"model": "best.skops", "threshold": threshold})

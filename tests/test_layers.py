@@ -27,6 +27,7 @@ LAYERS = (
         "fame.cpython",
         "fame.gc_tuning",
         "fame.randomness",
+        "fame.rooms",
         "fame.imports",
         "fame.intervals",
         "fame.fast_json",
@@ -241,8 +242,8 @@ def test_nothing_heavy_is_loaded(code: str) -> None:
     assert loaded & HEAVY == set()
 
 
-HELP = {"cli", "errors", "imports", "text"}
-CHECK = {*HELP, "bpmn", "check", "clock", "config", "engine", "iso8601", "middleware", "monitor", "properties", "robot",
+HELP = {"cli", "errors", "imports", "rooms", "text"}
+CHECK = {*HELP, "bpmn", "check", "clock", "config", "engine", "iso8601", "middleware", "properties", "robot",
          "scripting", "worker"}  # fmt: skip
 ROOMS = {"--help": HELP, "check": CHECK, "run": {*CHECK, "gc_tuning", "randomness", "scenario"}}
 """The packages and modules of FAME that a command may load for a process of one task."""

@@ -11,7 +11,8 @@ from types import ModuleType
 
 import pytest
 
-from fame.imports import BASE, EXTRAS, install
+from fame.imports import BASE, EXTRAS
+from fame.rooms import install
 
 ROOT = Path(__file__).parent.parent
 OURS = ("fame", "robots", "sim2d")

@@ -26,7 +26,7 @@ from fame.bpmn.model import (
     Task,
     Topic,
 )
-from fame.monitor.services import SERVICES
+from fame.rooms import SERVICES
 
 MODELS = Path(__file__).parent.parent / "models"
 LIBRARY = [path for folder in ("library", "monitoring") for path in sorted((MODELS / folder).glob("*.bpmn"))]

@@ -12,10 +12,10 @@ from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, FameError
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.services import SERVICES
 from fame.robot import RobotNode, make_mission
 from fame.robot.options import RobotOptions
-from fame.robot.services import BuiltInService, ServiceContext, variable
+from fame.robot.services import ServiceContext, variable
+from fame.rooms import SERVICES, load
 
 TASK = '<serviceTask id="u" camunda:type="external" camunda:topic="counter"/>'
 FLOWS = '<sequenceFlow id="f" sourceRef="s" targetRef="u"/><sequenceFlow id="g" sourceRef="u" targetRef="e"/>'
@@ -61,7 +61,7 @@ class Robot:
             make_mission(definitions, definitions.processes[0]),
             scheduler=self.scheduler,
             middleware=LocalMiddleware(self.scheduler),
-            options=RobotOptions(built_in_services={"counter": BuiltInService(Counter)}, files=files),
+            options=RobotOptions(service_starts={"counter": Counter}, files=files),
         )
         self.node.load()
         self.node.start(variables)
@@ -79,7 +79,7 @@ def test_the_required_variables_of_a_service_are_those_it_asks_for(name: str, tm
 
     def asks(variables: Mapping[str, Any]) -> str:
         try:
-            SERVICES[name].start(context, variables).close()
+            load(SERVICES[name].start)(context, variables).close()
         except FameError as error:
             found = re.match(r"needs the variable (\w+)", str(error))
             return found[1] if found else ""

@@ -16,7 +16,7 @@ from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
-from fame.monitor.services import SERVICES
+from fame.rooms import SERVICES
 from fame.scripting import ScriptTopic, script_topics
 
 

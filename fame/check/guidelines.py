@@ -24,7 +24,7 @@ from fame.bpmn.model import (
 from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.engine import gateways, loops
-from fame.monitor.services import SERVICES
+from fame.rooms import SERVICES
 
 _SELECTED_EVENTS = ("signal", "timer", "conditional", "error", "terminate")
 _SELECTED_GATEWAYS = ("exclusive", "parallel", "event")

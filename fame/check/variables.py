@@ -21,7 +21,7 @@ from fame.check.expressions import ExpressionUse, expressions_in, names_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level, find_scope
 from fame.engine import gateways, loops
 from fame.engine.data import variable_name
-from fame.monitor.services import SERVICES
+from fame.rooms import SERVICES
 from fame.scripting.analysis import identifiers_of
 from fame.scripting.interface import NAMES, Robot
 

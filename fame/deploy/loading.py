@@ -109,10 +109,9 @@ def _load(
     model: str, robot: str, options: EngineOptions, scheduler: Scheduler, middleware: Middleware
 ) -> LoadingTask[RobotNode]:
     mission = yield partial(_read, model, robot, options)
-    from fame.monitor.services import SERVICES
     from fame.robot import RobotNode
 
-    options = replace(options, keep=KEPT, built_in_services=SERVICES)
+    options = replace(options, keep=KEPT)
     node = RobotNode(robot, mission, scheduler=scheduler, middleware=middleware, options=options, compiled=False)
     try:
         node.assemble((yield node.compile_process))
@@ -124,7 +123,6 @@ def _load(
 
 
 def _read(model: str, robot: str, options: EngineOptions) -> Mission:
-    import fame.monitor.services  # noqa: F401
     from fame.bpmn.library import Library
     from fame.bpmn.reader import read_text
     from fame.check.gate import refuse_literals
@@ -185,7 +183,6 @@ def _steps() -> Iterator[str]:
     import fame.check.gate
 
     yield "check"
-    import fame.monitor.services
     import fame.robot.node
     import fame.simulation  # noqa: F401
 

@@ -25,6 +25,7 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     wait_reasons   why a token waits
     conversion     other forms of a recording, merging; ocel: OCEL 2.0
     judge          judges properties in it, in event_logs and in bags; live_judge: while it is made
+    property_watch the service that watches a property of the team
 """
 
 from typing import TYPE_CHECKING

@@ -6,7 +6,6 @@ services    the services of both, for service tasks of a mission
 calibration thresholds that promise a rate of false alarms
 judge       `fame monitor judge`, with `judge_report`; drift: slow changes over runs
 comparison  two models on the same recordings; copies: runs that are copies of others
-property_watch  the service that watches a property of the team
 model_card  the card of a model
 data_files  CSV tables and bags
 storage     models on disk; `earlier_models`: those of earlier versions

@@ -1,4 +1,4 @@
-"""The services of monitoring, by the name that a service task gives (see models/monitoring).
+"""How the services start that a service task can name (`fame.rooms.SERVICES`; see models/monitoring).
 
 Each is started with the variables that the data object of its call activity names. Files are relative to the folder of
 the mission's model.
@@ -24,14 +24,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from fame.errors import ConfigError, MissionError
-from fame.robot.services import BuiltInService, CommandService, RunningService, ServiceContext, variable
+from fame.robot.services import CommandService, RunningService, ServiceContext, variable
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.nodes import ArmOptions
     from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
 
-WATCH = "watch_property"
 RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
 
 
@@ -52,16 +51,10 @@ class _NodeService:
         self._node.close()
 
 
-def _watch_property(context: ServiceContext, variables: dict[str, Any]) -> RunningService:
-    from fame.monitor.property_watch import PropertyWatch
-
-    return PropertyWatch(context, variables)
-
-
 # ---- pipelines -------------------------------------------------------------------------------------------------------
 
 
-def _process(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+def process(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.node import ProcessingNode
 
@@ -74,7 +67,7 @@ def _process(context: ServiceContext, variables: Mapping[str, Any]) -> RunningSe
     return _NodeService(node)
 
 
-def _record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+def record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     """Record until the scope ends. An existing CSV file is continued with the next run."""
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
@@ -89,7 +82,7 @@ def _record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningSer
     return _NodeService(node)
 
 
-def _train(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+def train(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     def results(output: Mapping[str, Any]) -> Mapping[str, Any]:
         return {"model": str(Path(output["model"]).resolve()), "thresholds": output["thresholds"]}
 
@@ -186,7 +179,7 @@ class CollectService:
             self._report(error.text)
 
 
-def _adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+def adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     from fame.monitor.anomaly.live import RunMonitor
     from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.nodes import OperateNode
@@ -199,7 +192,7 @@ def _adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> Runni
     return _NodeService(OperateNode(context.middleware, context.scheduler, monitor, _arm(context, variables)))
 
 
-def _adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+def adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     config = context.folder / variable(variables, "config", type=str)
     model = context.folder / variable(variables, "model", "best.skops", type=str)
 
@@ -228,15 +221,3 @@ def _choice(variables: Mapping[str, Any], name: str, known: tuple[str, ...]) -> 
     if value not in known:
         raise ConfigError(f"variable {name}: expected one of {', '.join(known)}, got {value!r}")
     return value
-
-
-_LEARNING = ("sklearn", "skops")
-SERVICES: Mapping[str, BuiltInService] = {
-    "adm_collect": BuiltInService(CollectService, required=("output", "label"), results=("runs_collected",)),
-    "adm_learn": BuiltInService(_adm_learn, required=("config",), results=("classifier",), packages=_LEARNING),
-    "adm_operate": BuiltInService(_adm_operate, required=("model",), packages=_LEARNING),
-    "process": BuiltInService(_process, required=("configuration",)),
-    "record": BuiltInService(_record, required=("configuration", "output")),
-    WATCH: BuiltInService(_watch_property, required=("property", "sentence")),
-    "train": BuiltInService(_train, required=("configuration",), results=("model", "thresholds"), packages=_LEARNING),
-}

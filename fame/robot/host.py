@@ -28,6 +28,7 @@ from fame.robot.scripts import Scripts
 from fame.robot.service_tasks import call_service, ros_service_task
 from fame.robot.services import ServiceContext, compile_service
 from fame.robot.timers import RobotTimers
+from fame.rooms import SERVICES, load
 from fame.scripting import Inbox, Runner, compile_expression, compile_script, error_line
 
 if TYPE_CHECKING:
@@ -107,17 +108,19 @@ class EngineHost:
         return (compile_script if script else compile_expression)(expression, file=file, element=element)
 
     def service(self, operation: str, *, element: str, file: str) -> Compiled:
-        services, built_in = self._mission.services, self._options.built_in_services
+        services, starts = self._mission.services, self._options.service_starts
         if operation in services:
             return services[operation]
-        if operation in built_in:
-            require(*built_in[operation].packages)
-            return compile_service(built_in[operation].start, self._service_context(element))
+        if operation in starts:
+            return compile_service(starts[operation], self._service_context(element))
+        if operation in SERVICES:
+            require(*SERVICES[operation].packages)
+            return compile_service(load(SERVICES[operation].start), self._service_context(element))
         processes = (process for home, process in self._mission.processes() if home.file == file)
         found = ros_service_task(processes, element)
         if found is not None:
             return call_service(*found, file=file, inbox=self.inbox, compile=self.compile)
-        known = ", ".join(sorted(services) or sorted(built_in)) or "none"
+        known = ", ".join(sorted(services) or sorted({*SERVICES, *starts}))
         raise ModelError(f"unknown service {operation!r}; known are: {known}", file=file, element=element)
 
     def _service_context(self, element: str) -> ServiceContext:

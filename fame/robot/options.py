@@ -14,7 +14,7 @@ from fame.clock import EPOCH
 if TYPE_CHECKING:
     from fame.engine import Instance
     from fame.robot.events import Event, OnEvent
-    from fame.robot.services import BuiltInService
+    from fame.robot.services import StartService
 
 Fields = tuple[str, str, Mapping[str, Any]]
 """A message that brings the robot to its safe state: topic, type, fields."""
@@ -49,8 +49,8 @@ class RobotOptions:
     until      when the run ends at the latest (ns): dates and cycles that are due later are reported
     keep       how many instances that have ended to remember; `started`, `completed` and `failed` count all
     on_end     called with each instance that has ended
-    built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
-    files      folder that built-in services take names of files from; default: that of the model
+    service_starts  how services start, by name, before those of `fame.rooms.SERVICES`
+    files      folder that services take names of files from; default: that of the model
     membership  what it knows of its team, for acknowledged signals
     hold_errors  an uncaught error does not fail its instance: the token stays as an incident, and the robot holds
     """
@@ -65,7 +65,7 @@ class RobotOptions:
     until: int | None = None
     keep: int = 1000
     on_end: Callable[[Instance], object] = lambda instance: None
-    built_in_services: Mapping[str, BuiltInService] = field(default_factory=dict)
+    service_starts: Mapping[str, StartService] = field(default_factory=dict)
     files: Path | None = None
     membership: Membership = field(default_factory=Membership)
     hold_errors: bool = False

@@ -60,21 +60,6 @@ StartService: TypeAlias = Callable[[ServiceContext, dict[str, Any]], RunningServ
 """Starts a service with the variables of its task. Raises FameError."""
 
 
-@dataclass(frozen=True, slots=True)
-class BuiltInService:
-    """A service that service tasks can name.
-
-    required  variables that it needs
-    results   variables that it sets when it ends by itself
-    packages  what it imports of extras: a mission that lacks one is refused before it moves
-    """
-
-    start: StartService
-    required: tuple[str, ...] = ()
-    results: tuple[str, ...] = ()
-    packages: tuple[str, ...] = ()
-
-
 class CommandService:
     """A `fame` command in a process of its own, beside the engine. It takes no simulated time.
 

@@ -223,7 +223,7 @@ class RunWatches(Observer):
     def start(
         self, middleware: LocalMiddleware, world: World | None, context: ServiceContext, variables: Mapping[str, Any]
     ) -> RunningService:
-        from fame.monitor.property_watch import Alarm
+        from fame.log.property_watch import Alarm
 
         alarm = Alarm(context, variables)
         plan = replace(self._plan, properties=(alarm.property,))

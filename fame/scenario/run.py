@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -21,11 +20,12 @@ from fame.middleware import messages, qos
 from fame.middleware.interface import Publisher
 from fame.middleware.local import LocalMiddleware, LocalNode
 from fame.middleware.network import Network
-from fame.monitor.services import SERVICES, WATCH
 from fame.randomness import RANDOM_MODULES, ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.events import ENDED, Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
+from fame.robot.services import StartService
+from fame.rooms import WATCH
 from fame.scenario.film_captions import Captions
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
 from fame.scenario.process import signals_call
@@ -121,10 +121,9 @@ class Run:
         """Make and load a node with an engine for each robot."""
         scenario, bodies = self.scenario, self.world.robots if self.world is not None else {}
         shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library.declared)
-        built_in = SERVICES
+        services: dict[str, StartService] = {}
         if self._watches is not None:
-            start = partial(self._watches.start, self.middleware, self.world)
-            built_in = {**SERVICES, WATCH: replace(SERVICES[WATCH], start=start)}
+            services[WATCH] = partial(self._watches.start, self.middleware, self.world)
         nodes = [
             RobotNode(
                 robot,
@@ -138,7 +137,7 @@ class Run:
                 scheduler=self.scheduler,
                 middleware=self.middleware,
                 options=RobotOptions(
-                    built_in_services=built_in,
+                    service_starts=services,
                     observer=self.observer,
                     on_report=self.reports.append,
                     on_end=partial(self._on_end, robot),

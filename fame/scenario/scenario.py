@@ -20,8 +20,8 @@ from fame.check.scope import Finding, of_error
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
 from fame.middleware.interface import resolve
-from fame.monitor.services import SERVICES
 from fame.robot import Event, make_mission
+from fame.rooms import SERVICES
 from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result, mistyped_topics
 from fame.scenario.run import Pace, Run

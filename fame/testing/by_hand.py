@@ -19,7 +19,6 @@ from fame.check.explore.kinds import kinds_of
 from fame.clock import SECOND
 from fame.engine.canonical import stimuli
 from fame.errors import FameError
-from fame.monitor.services import SERVICES
 from fame.properties.conditions import subjects
 from fame.randomness import robot_random
 from fame.robot import RobotNode, make_mission
@@ -59,7 +58,7 @@ class _RunByHand(Run):
                 make_mission(plan.definitions, pool.process, library=plan.library, shared=shared),
                 scheduler=self.scheduler, middleware=self.middleware, compiled=False,
                 options=RobotOptions(
-                    built_in_services=SERVICES, observer=self.observer, on_report=self.reports.append, strict=strict,
+                    observer=self.observer, on_report=self.reports.append, strict=strict,
                     epoch=plan.epoch, random=robot_random(plan.seed, robot),
                 ),
             )

@@ -36,8 +36,8 @@ from fame.engine import Program
 from fame.engine.encoding import Data
 from fame.errors import ModelError, expect
 from fame.gc_tuning import rarely_collected
-from fame.monitor.services import WATCH
 from fame.properties import Location, Property, compile, parse, vocabulary_of
+from fame.rooms import WATCH
 
 LIMIT = 200_000
 """States of all deliveries together, by default."""
