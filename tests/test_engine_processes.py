@@ -171,7 +171,9 @@ class Fragile:
 
 @needs("cyclonedds")
 @pytest.mark.dds
-def test_an_error_of_the_main_loop_closes_the_component_nevertheless(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_main_loop_closes_the_component_nevertheless_and_leaves_its_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
     made: list[Fragile] = []
 
@@ -183,6 +185,9 @@ def test_an_error_of_the_main_loop_closes_the_component_nevertheless(monkeypatch
     with pytest.raises(ZeroDivisionError):
         serve("dds", None, build)
     assert (made[0].closed, signal.getsignal(signal.SIGHUP)) == (True, former)
+    said = capsys.readouterr().err.splitlines()
+    assert (said[0], said[-1]) == ("Traceback (most recent call last):", "ZeroDivisionError: the main loop")
+    assert any("in stop" in line for line in said)
 
 
 DIAGRAM = """

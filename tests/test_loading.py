@@ -4,12 +4,15 @@ import threading
 import time
 
 import pytest
-from deployment_field import Field, patrol
+from action_server import DRIVE
+from bpmn_text import document, properties
+from deployment_field import Field, patrol, process
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import loading
 from fame.deploy.loading import Work
 from fame.errors import FameError, ModelError
+from fame.middleware.local import LocalNode
 from fame.worker import Interrupted
 
 
@@ -85,3 +88,32 @@ def test_of_two_models_that_come_while_one_is_read_the_newest_runs():
     assert field.answers() == ["superseded", "superseded", "started"]
     assert engine.running.instances[-1].variables["mark"] == 3
     engine.close()
+
+
+ASKS = (
+    '<startEvent id="s"/><parallelGateway id="g"/>'
+    f'<serviceTask id="a">{properties(action="drive", type=DRIVE)}</serviceTask>'
+    f'<serviceTask id="b">{properties(service="blade", type="std_srvs/srv/SetBool")}</serviceTask>'
+    f'<scriptTask id="c"><script>await robot.act("drive", "{DRIVE}")</script></scriptTask>'
+)
+
+
+def test_every_endpoint_is_made_in_the_thread_of_the_scheduler(monkeypatch):
+    """A backend may be iterating over its endpoints there: rclpy's wait set, the topics of a participant."""
+    made = []
+    for kind in ("publisher", "subscription", "client", "service"):
+        make = getattr(LocalNode, kind)
+
+        def note(node, name, *more, _make=make, **options):
+            made.append((name, threading.current_thread()))
+            return _make(node, name, *more, **options)
+
+        monkeypatch.setattr(LocalNode, kind, note)
+    field = Field("A", scheduler=WallScheduler())
+    field.send("A", document(process("p", ASKS, ("s", "g"), ("g", "a"), ("g", "b"), ("g", "c"))))
+    field.pass_time(0.3)
+    while field.engines["A"].running is None:
+        field.pass_time(0.05)
+    assert {"blade", "/A/drive/_action/send_goal", "/A/drive/_action/feedback"} <= {name for name, _ in made}
+    assert {thread for _, thread in made} == {threading.main_thread()}
+    field.engines["A"].close()

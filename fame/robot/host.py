@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from fame.bpmn.model import Expression
+from fame.bpmn.model import Expression, Task
 from fame.clock import Scheduler, date_at, date_text
 from fame.engine import Engine, Instance
 from fame.engine.program import Compiled
@@ -25,7 +25,7 @@ from fame.robot.events import Event, Observer, observer_of
 from fame.robot.mission import Mission
 from fame.robot.options import RobotOptions
 from fame.robot.scripts import Scripts
-from fame.robot.service_tasks import call_service, ros_service_task
+from fame.robot.service_tasks import call_service, make_client, ros_service_task
 from fame.robot.services import ServiceContext, compile_service
 from fame.robot.timers import RobotTimers
 from fame.rooms import SERVICES, load
@@ -99,6 +99,7 @@ class EngineHost:
         )
         self.runner, self.inbox = self.scripts.runner, self.scripts.runner.inbox
         self.timers: RobotTimers = RobotTimers(scheduler, options.epoch, self._on_timer)
+        self._asks: list[tuple[Task, str]] = []  # the compiled tasks that call a service or action, and their files
         self._late: set[str] = set()  # elements whose timer was reported as too late
         self._known_missing: set[tuple[str, str]] = set()
 
@@ -119,9 +120,15 @@ class EngineHost:
         processes = (process for home, process in self._mission.processes() if home.file == file)
         found = ros_service_task(processes, element)
         if found is not None:
-            return call_service(*found, file=file, inbox=self.inbox, compile=self.compile)
+            self._asks.append((found[1], file))
+            return call_service(*found, file=file, compile=self.compile)
         known = ", ".join(sorted(services) or sorted({*SERVICES, *starts}))
         raise ModelError(f"unknown service {operation!r}; known are: {known}", file=file, element=element)
+
+    def make_clients(self) -> None:
+        """Make the clients of all tasks that call a service or action of ROS. Raises ModelError."""
+        for task, file in self._asks:
+            make_client(task, file, self.inbox)
 
     def _service_context(self, element: str) -> ServiceContext:
         return ServiceContext(

@@ -118,7 +118,8 @@ class RobotNode:
             raise
 
     def compile_process(self) -> Program:
-        """Compile the process. Touches no endpoint, so any thread may call it. Raises ModelError."""
+        """Compile the process. Touches no endpoint, so any thread may call it (`tests/test_loading.py`). Raises
+        ModelError."""
         mission = self.mission
         homes = {mission.definitions.file: mission.definitions}
 
@@ -146,6 +147,7 @@ class RobotNode:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
         self.endpoints.open(self.on_message)
         self.endpoints.open_for_scripts(self.mission.script_topics, self.runner.inbox)
+        self.host.make_clients()
         if self.acknowledged is not None:
             self.acknowledged.open()
 

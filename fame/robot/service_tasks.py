@@ -16,8 +16,8 @@ then it is BpmnError ``still_running``. Without it the goal is sent at once: a s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -27,6 +27,7 @@ from fame.engine.data import UNDEFINED, field_names, match, variable_name
 from fame.engine.host import BpmnError
 from fame.engine.program import Compiled
 from fame.errors import ConfigError, MessageError, ModelError
+from fame.middleware import messages
 from fame.middleware.messages import is_action
 from fame.scripting import Inbox
 from fame.scripting.requests import Act, Call, GoalError, ScriptRequest, check_seconds
@@ -42,15 +43,16 @@ def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Proces
 
 
 def call_service(
-    process: Process, task: Task, *, file: str, inbox: Inbox, compile: Callable[..., Compiled]
+    process: Process, task: Task, *, file: str, compile: Callable[..., Compiled]
 ) -> Callable[[dict[str, Any]], Any]:
     """Return the function of such a task: takes the variables, and gives a coroutine that calls the service.
 
-    The client is made at once, so that discovery is over in time. Raises ModelError if the task has no known type.
+    Touches no endpoint: `make_client` does. Raises ModelError if the task has no known type.
     """
     topic = task.topic
     assert topic is not None
-    _make_client(task, topic, file, inbox)
+    with _located(task, file):
+        (messages.action if is_action(topic.type or "") else messages.service)(_type(task, topic, file))
     codes, wait = _error_codes(task, file), _wait(task, file)
     request = compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
     objects = [item for body in process.body.bodies() for item in body.data_objects if item.id in task.data_outputs]
@@ -73,12 +75,27 @@ def call_service(
     return begin
 
 
-def _make_client(task: Task, topic: Topic, file: str, inbox: Inbox) -> None:
+def make_client(task: Task, file: str, inbox: Inbox) -> None:
+    """Make the client of such a task at load, so that discovery is over in time. Raises ModelError."""
+    topic = task.topic
+    assert topic is not None
+    type = _type(task, topic, file)
+    with _located(task, file):
+        (inbox.action if is_action(type) else inbox.client)(topic.name, type)
+
+
+def _type(task: Task, topic: Topic, file: str) -> str:
     if topic.type is None:
         text = f"calls the service {topic.name!r} without a type: expected the property type, pkg/srv/Name"
         raise ModelError(text, file=file, element=task.id)
+    return topic.type
+
+
+@contextmanager
+def _located(task: Task, file: str) -> Iterator[None]:
+    """Raise a MessageError of the block as a ModelError of the task."""
     try:
-        (inbox.action if is_action(topic.type) else inbox.client)(topic.name, topic.type)
+        yield
     except MessageError as error:
         raise ModelError(str(error), file=file, element=task.id) from error
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from fame.clock import SECOND, WallScheduler
 from fame.config.loader import find_object, registered
-from fame.errors import ConfigError
+from fame.errors import ConfigError, FameError
 from fame.middleware.interface import EndpointWarning, Middleware
 from fame.robot.events import Event
 from fame.scenario.service_manager import Notifier
@@ -206,7 +206,8 @@ def serve(
 ) -> None:
     """Build a component and run it until a signal asks to end; then, or after an error, stop it safely and close it.
 
-    `on_warning` is called with each warning of the middleware. `crowd`: as for `connect`.
+    `on_warning` is called with each warning of the middleware. `crowd`: as for `connect`. The traceback of an
+    unexpected error goes to stderr, which is the log of such a process.
     """
     if is_child():
         warnings.showwarning = _print_warning  # type: ignore[assignment]
@@ -219,6 +220,14 @@ def serve(
                 manager.ready()
                 _watch_parent(scheduler)
                 scheduler.run()
+            except FameError:
+                raise
+            except Exception:
+                import traceback
+
+                with suppress(OSError):
+                    traceback.print_exc()
+                raise
             finally:
                 manager.stopping()
                 _end(component, scheduler)
