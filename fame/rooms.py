@@ -24,7 +24,27 @@ class Room(NamedTuple):
 
 
 ROOMS: Mapping[str, Room] = {
-    "monitor": Room(("fame.monitor", "robots.arm"), "learned models on the data of robots", "ml"),
+    "monitor": Room(
+        (
+            *("fame.monitor", "robots.arm", "fame.cli.adm", "fame.cli.anomaly_data", "fame.cli.monitors"),
+            *("fame.cli.pipelines", "fame.cli.ros"),
+        ),
+        "learned models on the data of robots",
+        "ml",
+    ),
+    "explore": Room(
+        (
+            *("fame.check.explore", "fame.scenario.exploration", "fame.scenario.explored_run"),
+            *("fame.scenario.safety_report", "fame.scenario.coverage_file", "fame.cli.exploration"),
+        ),
+        "every reachable state of a collaboration",
+    ),
+    "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
+    "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
+    "judge": Room(
+        ("fame.log.judge", "fame.log.live_judge", "fame.log.bags", "fame.log.property_watch"),
+        "properties of a team, judged on recordings and on the network",
+    ),
 }
 
 
@@ -94,3 +114,23 @@ SERVICES: Mapping[str, BuiltInService] = {
     "train": BuiltInService("fame.monitor.services:train", ("configuration",), ("model", "thresholds"), _LEARNING),
 }
 """The services of FAME by name; `fame.monitor.services` says what they do."""
+
+
+# ---- what else the core uses of rooms --------------------------------------------------------------------------------
+
+ALARM = "fame.log.property_watch:Alarm"
+EXPLORE_FOUND = "fame.scenario.exploration:explore_found"
+EXPLORE_MIGRATED = "fame.scenario.exploration:explore_migrated"
+EXPLORE_OBJECTION = "fame.scenario.exploration:objection"
+EXPLORE_OPTIONS = "fame.cli.exploration:add_arguments"
+EXPLORE_RUN = "fame.cli.exploration:run"
+FINDING_AS_JSON = "fame.cli.exploration:finding_as_json"
+JUDGE_BAG = "fame.log.bags:judge_bag"
+JUDGE_LOG = "fame.log.judge:judge_log"
+LIVE_JUDGE = "fame.log.live_judge:LiveJudge"
+MONITOR_INPUTS = "fame.cli.monitors:add_inputs"
+MONITOR_ON_PAGE = "fame.cli.monitors:judged_on_page"
+READS_TOPIC = "fame.log.judge:reads"
+VIEW_OPTIONS = "fame.cli.view:add_page"
+VIEW_RUN = "fame.cli.view:viewed"
+VIEW_WAIT = "fame.cli.view:wait_for_interrupt"

@@ -9,7 +9,7 @@ import yaml
 
 from fame.bpmn.model import Expression
 from fame.cli import main
-from fame.cli.pipelines import assignment
+from fame.cli.arguments import assignment
 from fame.cli.scenarios import _change
 from fame.config.loader import parse_document
 from fame.errors import ConfigError, ValueChanged

@@ -171,7 +171,7 @@ def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
     loaded = [
         item for item in imports() if item.at_load and package_of(item.source) == "fame.cli" and ours(item.target)
     ]
-    assert {package_of(item.target) for item in loaded} == {"fame.cli", "fame.errors", "fame.text"}
+    assert {package_of(item.target) for item in loaded} == {"fame.cli", "fame.errors", "fame.rooms", "fame.text"}
 
 
 def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_needs() -> None:

@@ -18,7 +18,7 @@ from functools import lru_cache
 from typing import Any
 
 from fame.bpmn.model import Body, DataObject, Element, Expression, Use
-from fame.errors import ModelError
+from fame.errors import FameError, ModelError
 from fame.scripting import code_names, script_names
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.languages import parse_expression
@@ -281,3 +281,41 @@ def _holds(left: ast.expr, operator: ast.cmpop, right: ast.expr, case: Mapping[s
     if isinstance(operator, ast.In | ast.NotIn):
         return (order == 0) == isinstance(operator, ast.In)
     return order in _HOLDS[type(operator)]
+
+
+# ---- what a script sets whatever happens -----------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1024)
+def certainly_set(script: Expression) -> frozenset[str]:
+    """Return the variables that a script sets whatever happens, unless it fails."""
+    return frozenset(name for statement in _statements(script) for name in _targets(statement))
+
+
+@lru_cache(maxsize=1024)
+def read_first(script: Expression) -> frozenset[str]:
+    """Return the names that a script may read before it has certainly set them."""
+    found, done = set[str](), set[str]()
+    for statement in _statements(script):
+        found |= {
+            node.id for node in ast.walk(statement)
+            if isinstance(node, ast.Name) and node.id not in done
+            and (isinstance(node.ctx, ast.Load) or isinstance(statement, ast.AugAssign))
+        }  # fmt: skip
+        done |= {*_targets(statement)}
+    return frozenset(found)
+
+
+def _statements(script: Expression) -> list[ast.stmt]:
+    try:
+        return list(getattr(parse_python(script), "body", ()))
+    except FameError:
+        return []
+
+
+def _targets(statement: ast.stmt) -> Iterator[str]:
+    """The variables that an assignment sets."""
+    for target in statement.targets if isinstance(statement, ast.Assign) else ():
+        for part in target.elts if isinstance(target, ast.Tuple | ast.List) else (target,):
+            if isinstance(part, ast.Name):
+                yield part.id

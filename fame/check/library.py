@@ -13,8 +13,7 @@ from pathlib import Path
 from fame.bpmn.library import BUILT_IN, Library
 from fame.bpmn.model import Body, DataObject, Definitions, FlowNode, Process
 from fame.bpmn.topics import topic_table
-from fame.check.explore.script_effects import read_first
-from fame.check.expressions import expressions_in
+from fame.check.expressions import expressions_in, read_first
 from fame.errors import ConfigError
 from fame.scripting.analysis import Direction, script_topics
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import math
+from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
-from fame.errors import FameError
+from fame.errors import ConfigError, FameError, UnavailableError
+from fame.rooms import load
 from fame.text import as_number, suggestion
 
 if TYPE_CHECKING:
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The object that commands are added to."""
+ArgumentGroup: TypeAlias = "argparse._ArgumentGroup"
 
 
 def _like(word: str, known: Iterable[str]) -> str:
@@ -138,6 +142,19 @@ natural = whole("a whole number from 0 on", 0)
 positive = number("a number above 0", math.ulp(0.0), 1e15)  # from the smallest one
 
 
+def assignment(text: str) -> tuple[str, Any]:
+    """``cutoff=5``, ``names=[a, b]``: a value as YAML reads it."""
+    from fame.config.loader import parse_document
+
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise ArgumentTypeError(f"expected NAME=VALUE, as in cutoff=5, got {text!r}")
+    try:
+        return name.strip(), parse_document(value).data
+    except ConfigError as error:
+        raise ArgumentTypeError(f"{value!r}: {error.text}") from None
+
+
 def epoch(text: str) -> datetime:
     """Return the date of second 0."""
     from fame.clock import parse_epoch
@@ -232,6 +249,12 @@ def add_show(parser: argparse.ArgumentParser) -> None:
         "--show", choices=("both", "diagram", "world"), default="both",
         help="what a film shows: the diagram with its tokens and the simulated world (default), or one of them",
     )  # fmt: skip
+
+
+def add_from_room(parser: Parser | ArgumentGroup, options: str) -> None:
+    """Declare the options that a room adds to a command; none if the room was taken away."""
+    with suppress(UnavailableError):
+        load(options)(parser)
 
 
 def add_json(parser: Parser) -> None:

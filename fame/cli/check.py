@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli import exploration
-from fame.cli.arguments import BackendNames, Commands, add_json, add_library, command, positive
+from fame.cli.arguments import BackendNames, Commands, add_from_room, add_json, add_library, command, positive
 from fame.cli.network import connected, interface
 from fame.cli.output import coloured, print_json
 from fame.errors import ConfigError, ModelError
+from fame.rooms import EXPLORE_OPTIONS, EXPLORE_RUN, load
 from fame.text import similar_file
 
 if TYPE_CHECKING:
@@ -69,14 +69,20 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     add_library(parser)
     add_json(parser)
-    exploration.add_arguments(parser)
+    explored = parser.add_argument_group("exploration")
+    explored.add_argument(
+        "--explore", action="store_true",
+        help="explore every reachable state of each mission: deadlocks, lost signals, missions that never complete",
+    )  # fmt: skip
+    parser.set_defaults(unexplored=lambda arguments: None)
+    add_from_room(explored, EXPLORE_OPTIONS)
 
 
 def run(arguments: Namespace) -> int:
     """Check (or explore) every file and print the findings, one line each."""
     if arguments.explore:
         return _explore(arguments)
-    exploration.refuse_without_explore(arguments)
+    arguments.unexplored(arguments)
     from fame.check import check, parts_of_one_mission, summary
     from fame.check.explain import readings
 
@@ -141,6 +147,7 @@ def _explore(arguments: Namespace) -> int:
     """Explore files that have no errors."""
     from fame.check import check
 
+    explore = load(EXPLORE_RUN)
     if arguments.guidelines:
         raise ConfigError("--guidelines does not go with --explore, which looks at runs, not at the drawing")
     for path in dict.fromkeys(arguments.models):
@@ -153,7 +160,8 @@ def _explore(arguments: Namespace) -> int:
             for finding in file.found:
                 print(coloured(str(finding), sys.stderr), file=sys.stderr)
             raise ConfigError("has errors: nothing is explored", file=str(path))
-    return exploration.run(arguments)
+    code: int = explore(arguments)
+    return code
 
 
 def _failed(found: Iterable[Finding]) -> bool:

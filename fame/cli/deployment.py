@@ -28,6 +28,7 @@ from fame.cli.arguments import (
 from fame.cli.network import add_network, connected, guard, person
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN, ConfigError, DeploymentError
+from fame.rooms import EXPLORE_FOUND, load
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
@@ -146,9 +147,7 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
 
     The robots are those that were `found`; a pool without one has as many as `fame check --explore` takes.
     """
-    from fame.scenario.exploration import explore_found
-
-    result = explore_found(definitions, library, found)
+    result = load(EXPLORE_FOUND)(definitions, library, found)
     note(result.summary())
     faults = [one.text for one in result.findings if one.level == "error"]
     faults += [str(one) for one in result.properties if one.verdict == "refuted"]

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Parser, natural, positive
+from fame.cli.arguments import ArgumentGroup, natural, positive
 from fame.cli.output import coloured, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, FameError
 from fame.text import write_file
@@ -43,13 +43,9 @@ STATUSES = ("completed", "partial", "failed")
 _CODES = {"completed": 0, "failed": 1, "partial": NOT_KNOWN}
 
 
-def add_arguments(parser: Parser) -> None:
-    """Declare ``--explore`` and the options that go with it."""
-    group = parser.add_argument_group("exploration")
-    group.add_argument(
-        "--explore", action="store_true",
-        help="explore every reachable state of each mission: deadlocks, lost signals, missions that never complete",
-    )  # fmt: skip
+def add_arguments(group: ArgumentGroup) -> None:
+    """Declare the options that go with ``--explore``, which are refused without it."""
+    group.set_defaults(unexplored=_refuse_without_explore)
     group.add_argument(
         "--robots", action="append", default=[], metavar="POOL=N",
         help="number of robots for a multi-instance pool (default: that of the scenario, or the pool's minimum, at "
@@ -93,7 +89,7 @@ def add_arguments(parser: Parser) -> None:
     )
 
 
-def refuse_without_explore(arguments: Namespace) -> None:
+def _refuse_without_explore(arguments: Namespace) -> None:
     """Raise ConfigError for an option that needs ``--explore``."""
     for name in _ONLY:
         if getattr(arguments, name):

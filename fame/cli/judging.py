@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Parser
+from fame.rooms import LIVE_JUDGE, load
 
 if TYPE_CHECKING:
     from fame.bpmn.model import Definitions
-    from fame.log.live_judge import LiveJudge
+    from fame.log.team_recorder import RecordingJudge
     from fame.properties import Property, Vocabulary
 
 
@@ -42,10 +43,9 @@ def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocab
     return scenario.properties, scenario.definitions, team_vocabulary(scenario)
 
 
-def live_judge(arguments: Namespace, note: Callable[[str], object]) -> LiveJudge | None:
+def live_judge(arguments: Namespace, note: Callable[[str], object]) -> RecordingJudge | None:
     """Return what judges the properties of ``--properties`` while a team runs; `note` gets violations."""
     if arguments.properties is None:
         return None
-    from fame.log.live_judge import LiveJudge
-
-    return LiveJudge(*subject(arguments.properties), note)
+    judge: RecordingJudge = load(LIVE_JUDGE)(*subject(arguments.properties), note)
+    return judge

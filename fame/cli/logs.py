@@ -14,12 +14,14 @@ from fame.cli.judging import add_properties, live_judge, subject
 from fame.cli.network import add_network, note_ready
 from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import ConfigError
+from fame.rooms import JUDGE_BAG, JUDGE_LOG, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.log.recording_file import RecordingFile
     from fame.log.team_recorder import TeamRecorder
     from fame.middleware.interface import Middleware
+    from fame.properties import Judgement
 
 
 def add(commands: Commands) -> None:
@@ -189,19 +191,18 @@ def _write(doing: str, write: Callable[..., Iterable[str]], arguments: Namespace
 
 def judge(arguments: Namespace) -> int:
     """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
-    from fame.log.bags import is_bag, judge_bag
+    from fame.log.bag_reader import is_bag
     from fame.log.event_logs import COLUMNS, XES
-    from fame.log.judge import judge_log
     from fame.properties.judge import HEADS, exit_code
 
     columns = dict(arguments.columns)
     if wrong := columns.keys() - COLUMNS.keys():
         raise ConfigError(f"--columns: unknown key {min(wrong)!r}; keys are: {', '.join(COLUMNS)}")
     properties, model, team = subject(arguments.properties)
-    found = {
-        str(path): judge_bag(path, properties, model, team)
+    found: dict[str, list[Judgement]] = {
+        str(path): load(JUDGE_BAG)(path, properties, model, team)
         if is_bag(path)
-        else judge_log(path, properties, model, team=team, columns=columns if path.suffix.lower() == XES else {})
+        else load(JUDGE_LOG)(path, properties, model, team=team, columns=columns if path.suffix.lower() == XES else {})
         for path in _runs(arguments.runs)
     }
     if arguments.json:
@@ -214,7 +215,7 @@ def judge(arguments: Namespace) -> int:
 
 def _runs(paths: list[Path]) -> list[Path]:
     """The logs and bags, and those in folders. Raises ConfigError for a folder without one."""
-    from fame.log.bags import is_bag
+    from fame.log.bag_reader import is_bag
     from fame.log.event_logs import EVENT_LOGS
 
     logs, found = (".mcap", *EVENT_LOGS), list[Path]()

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Parser
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN, ConfigError, FameError
+from fame.rooms import EXPLORE_MIGRATED, EXPLORE_OBJECTION, FINDING_AS_JSON, load
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
     from fame.bpmn.model import Definitions
     from fame.bpmn.pools import Pool
-    from fame.check.explore import Finding
     from fame.deploy import Deployment
     from fame.deploy.migration import Foreseen
     from fame.deploy.options import DeploymentOptions
@@ -64,7 +64,7 @@ class Migration:
         self.dry: bool = arguments.dry_run
         self._force, self._plan, self._json = arguments.force, arguments.plan, arguments.json
         self._model, self._definitions, self._library = arguments.model, definitions, library
-        self._found: list[Finding] = []
+        self._found: list[Any] = []  # of an exploration
         self._allow_partial: bool = arguments.allow_partial
         self._partial = False
         plan = read_plan(arguments.plan) if arguments.plan is not None else {}
@@ -80,23 +80,19 @@ class Migration:
     def prepare(self, pools: Mapping[str, Pool]) -> None:
         """Load and compile what the exploration needs while the robots still run: then they are held for less time."""
         if self.is_explored:
-            from fame.scenario.exploration import explore_migrated
-
             with suppress(FameError):
-                explore_migrated(self._definitions, self._library, pools, {}, seconds=_PREPARATION)
+                load(EXPLORE_MIGRATED)(self._definitions, self._library, pools, {}, seconds=_PREPARATION)
 
     def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:
         """Explore the state that the robots would have. Called in a thread, while they are held."""
-        from fame.scenario.exploration import explore_migrated, objection
-
         try:
-            result = explore_migrated(self._definitions, self._library, pools, foreseen)
+            result = load(EXPLORE_MIGRATED)(self._definitions, self._library, pools, foreseen)
         except FameError as error:
             self._partial = not self._force
             return "" if self._force else f"{error} (--force overrides)"
         note(f"the migrated state: {result.summary()}")
         self._found = [one for one in result.findings if one.level == "error"]
-        reason = objection(result, partial=self._force or self._allow_partial)
+        reason: str = load(EXPLORE_OBJECTION)(result, partial=self._force or self._allow_partial)
         if reason and self._force:
             note(f"overridden by --force: {reason}")
         if not reason or self._force:
@@ -132,9 +128,7 @@ class Migration:
 
     def findings(self) -> list[dict[str, Any]]:
         """Return the findings of the exploration, for --json."""
-        from fame.cli.exploration import finding_as_json
-
-        return [finding_as_json(one) for one in self._found]
+        return [load(FINDING_AS_JSON)(one) for one in self._found]
 
     def show(self, deployment: Deployment) -> int:
         """Print what a dry run has found, and write a plan. Returns the exit code: 1 if it is not possible."""

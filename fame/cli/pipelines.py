@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentTypeError, Namespace
+from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fame.cli.arguments import Commands, add_json, add_time_unit, add_types, command, namespace, positive
+from fame.cli.arguments import Commands, add_json, add_time_unit, add_types, assignment, command, namespace, positive
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, MissionError, UnavailableError
@@ -59,19 +59,6 @@ def add_process(commands: Commands) -> None:
     parser.add_argument("--graph", type=Path, metavar="FILE.svg", help="draw the configured pipeline and exit")
     add_types(parser)
     add_network(parser)
-
-
-def assignment(text: str) -> tuple[str, Any]:
-    """``cutoff=5``, ``names=[a, b]``: a value as YAML reads it."""
-    from fame.config.loader import parse_document
-
-    name, equals, value = text.partition("=")
-    if not equals or not name:
-        raise ArgumentTypeError(f"expected NAME=VALUE, as in cutoff=5, got {text!r}")
-    try:
-        return name.strip(), parse_document(value).data
-    except ConfigError as error:
-        raise ArgumentTypeError(f"{value!r}: {error.text}") from None
 
 
 def listen(arguments: Namespace, make: Callable[[Middleware, Scheduler], Listening]) -> Listening:

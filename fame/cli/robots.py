@@ -14,6 +14,7 @@ from fame.cli.arguments import (
     add_json,
     add_key,
     add_trust,
+    assignment,
     command,
     positive,
     private_key,
@@ -301,7 +302,6 @@ def value(text: str) -> tuple[str, Any]:
     """Return a variable and its value, which JSON has to know."""
     import json
 
-    from fame.cli.pipelines import assignment
     from fame.engine.data import is_variable
 
     name, given = assignment(text)

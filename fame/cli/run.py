@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from fame.cli.arguments import (
     BackendNames,
     Commands,
+    add_from_room,
     add_json,
     add_library,
     add_show,
@@ -25,8 +26,8 @@ from fame.cli.arguments import (
 )
 from fame.cli.output import coloured, live_table, note, print_json, progress_line, table, table_within
 from fame.cli.scenarios import add_variations, scenario_of
-from fame.cli.view import add_page, viewed, wait_for_interrupt
 from fame.errors import ConfigError
+from fame.rooms import JUDGE_LOG, VIEW_OPTIONS, VIEW_RUN, VIEW_WAIT, load
 
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
@@ -65,7 +66,7 @@ def add(commands: Commands) -> None:
     add_variations(parser)
     _add_processes(parser)
     _add_outputs(parser)
-    add_page(parser)
+    add_from_room(parser, VIEW_OPTIONS)
     add_library(parser)
     add_json(parser)
     parser.add_argument("--quiet", action="store_true", help="print nothing if all goes well")
@@ -152,7 +153,7 @@ def run(arguments: Namespace) -> int:
         )
     if arguments.paused and not arguments.view:
         raise ConfigError("--paused needs --view")
-    if vars(arguments)["as"] and not arguments.view:
+    if vars(arguments).get("as") and not arguments.view:
         raise ConfigError("--as needs --view: its addresses are of a page")
     if arguments.on_error == "hold" and not arguments.view:
         raise ConfigError("--on-error hold needs --view, where somebody repairs what has failed")
@@ -169,7 +170,7 @@ def run(arguments: Namespace) -> int:
     with (
         _log_files(arguments) as logs,
         progress_line(sys.stderr, wanted=not quiet) as line,
-        viewed(arguments, scenario) as page,
+        load(VIEW_RUN)(arguments, scenario) if arguments.view else nullcontext() as page,
     ):
         with _logs(arguments, scenario, logs) as writes:
             result = scenario.run(
@@ -186,7 +187,7 @@ def run(arguments: Namespace) -> int:
         _draw(arguments, logs, line)
         if page is not None:
             code = _print_result(arguments, result)
-            wait_for_interrupt()
+            load(VIEW_WAIT)()
             return code
     return _print_result(arguments, result)
 
@@ -262,11 +263,12 @@ def _judgements(arguments: Namespace, scenario: Scenario, recording: Path) -> li
     if not scenario.properties:
         return []
     from fame.clock import SECOND
-    from fame.log.judge import judge_log
     from fame.scenario.judging import team_vocabulary
 
     apart = round(_APART * (arguments.speed or 1.0) * SECOND)
-    return judge_log(recording, scenario.properties, team=team_vocabulary(scenario), apart=apart, is_open=True)
+    team = team_vocabulary(scenario)
+    found: list[Judgement] = load(JUDGE_LOG)(recording, scenario.properties, team=team, apart=apart, is_open=True)
+    return found
 
 
 def _seen(sight: TeamStatus) -> str:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import (
     Commands,
     Parser,
+    add_from_room,
     add_key,
     add_library,
     command,
@@ -26,10 +27,10 @@ from fame.cli.arguments import (
     whole,
 )
 from fame.cli.judging import add_properties, live_judge
-from fame.cli.monitors import add_inputs, judged_on_page
 from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
+from fame.rooms import MONITOR_INPUTS, MONITOR_ON_PAGE, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -87,7 +88,7 @@ def add(commands: Commands) -> None:
         "--monitor", type=Path, metavar="MODEL.skops",
         help="RUN.mcap: judge it by this model, and draw what it alarms about in the band of its training runs",
     )  # fmt: skip
-    add_inputs(parser)
+    add_from_room(parser, MONITOR_INPUTS)
     add_key(parser, "sign the requests of --control, and what --allow deploy sends")
     add_properties(parser)
     add_page(parser)
@@ -154,7 +155,7 @@ def run(arguments: Namespace) -> int:
 
 def _refuse_inputs(arguments: Namespace) -> None:
     """Raise ConfigError for options of monitors that would do nothing."""
-    path, given = arguments.subject, [name for name in ("config", "namespace") if getattr(arguments, name)]
+    path, given = arguments.subject, [name for name in ("config", "namespace") if getattr(arguments, name, None)]
     if arguments.monitor is None:
         if given:
             raise ConfigError(f"--{given[0]} says what --monitor MODEL.skops reads of a recording")
@@ -174,7 +175,7 @@ def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
     if kind != ".mcap":
         expected = "a recording (.mcap), a model (.bpmn) or a scenario (.yaml)"
         raise ConfigError(f"expected {expected}, got {kind!r}", file=str(path))
-    monitor = None if arguments.monitor is None else judged_on_page(arguments.monitor, path, arguments)
+    monitor = None if arguments.monitor is None else load(MONITOR_ON_PAGE)(arguments.monitor, path, arguments)
     replay = Replay(path, branch=partial(_branch_of_page, arguments), monitor=monitor)
     for notice in replay.notices:
         print(f"fame: {notice}", file=sys.stderr, flush=True)
@@ -218,11 +219,8 @@ def _team(arguments: Namespace) -> int:
 
 
 @contextmanager
-def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun | None]:
-    """The page of a run, served while the block lasts; None without ``--view``."""
-    if not arguments.view:
-        yield None
-        return
+def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun]:
+    """The page of a run, served while the block lasts."""
     from fame.view import LiveRun, RunControl
 
     control = RunControl(speed=arguments.speed or 1.0)

@@ -30,6 +30,10 @@ _FILE_LIMIT = 1 << 34
 _Raw = tuple[int, Any, bytes]
 
 
+def is_bag(path: Path) -> bool:
+    return (path / "metadata.yaml").is_file()
+
+
 class BagTopic(NamedTuple):
     """A topic of a file: its number there, its name, type, encoding, and the definition of the type with its format."""
 

@@ -16,17 +16,12 @@ from fame.bpmn.model import Definitions
 from fame.clock import Scheduler
 from fame.errors import ConfigError
 from fame.log.bag_reader import open_bag
-from fame.log.judge import runs
 from fame.log.live_judge import LiveJudge
 from fame.log.live_team import LiveTeam
 from fame.middleware.interface import MAX_MESSAGE_SIZE
 from fame.properties import Judgement, Property, Vocabulary
 from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
 from fame.text import read_json
-
-
-def is_bag(path: Path) -> bool:
-    return (path / "metadata.yaml").is_file()
 
 
 def judge_bag(
@@ -54,7 +49,7 @@ def judge_bag(
     if not robots.robots:
         raise ConfigError(f"has no events of robots (topics /<robot>/{EVENTS_TOPIC})", file=str(path))
     robots.close()
-    judge.end(complete=not runs(robots.state))
+    judge.end(complete=not robots.state.runs)
     return judge.judgements
 
 

@@ -327,7 +327,7 @@ class TeamJudge:
         for robot, lost in data.get("gaps", {}).items():
             state = RobotState.from_key(data["robots"][robot])
             known = self._robots.get(robot, RobotState())
-            if not state.process and runs(TeamState(robots={robot: known})):
+            if not state.process and TeamState(robots={robot: known}).runs:
                 why = f"the engine of {robot} restarted, and its mission is lost"
                 self.judge.lose(robot, why, self._heard.get(robot, 0))
             elif (lost or robot in self._taken_up) and self._missed(robot, state):
@@ -345,11 +345,6 @@ def reads(judge: Judge, info: TopicInfo) -> bool:
     """Return whether a judge needs the messages of a topic: properties name it, or the battery that publishes it."""
     batteries = (ValueSource("battery", name.split("/")[1]) for name in info.publishers if info.types[:1] == (BATTERY,))
     return info.name in judge.topics or not judge.sources.isdisjoint(batteries)
-
-
-def runs(state: TeamState) -> bool:
-    """Return whether an instance of a robot runs."""
-    return any(status == "running" for one in state.robots.values() for _, status in one.instances.values())
 
 
 def _replay(
@@ -377,7 +372,7 @@ def _replay(
                 data = at_end[str(data["robot"])].popleft()
             judge.put(message.topic, time, data)
     return judge.finish(
-        end + max(late.values(), default=0), complete=ended == "complete" or (ended is None and not runs(last))
+        end + max(late.values(), default=0), complete=ended == "complete" or (ended is None and not last.runs)
     )
 
 

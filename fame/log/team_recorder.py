@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from fame.clock import SECOND, Entry, Scheduler, date_text
 from fame.closing import Closing
 from fame.errors import MessageError
 from fame.log.channels import CLOCKS, GROUND, KEY, WORLD
 from fame.log.clocks import ClockDoubts
-from fame.log.judge import runs
-from fame.log.live_judge import LiveJudge
 from fame.log.live_team import DELAY, LiveTeam, now_since
 from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
@@ -25,6 +23,7 @@ from fame.middleware.messages import nanoseconds
 from fame.middleware.qos import requested_of
 from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE
 from fame.middleware.typesystem import STRING
+from fame.properties import Judgement
 from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
 from fame.scripting.transforms import TOPICS as TF_TOPICS
 from fame.text import read_json
@@ -62,6 +61,22 @@ class TeamRecorderOptions:
     delay: int = DELAY
 
 
+class RecordingJudge(Protocol):
+    """Judges what is recorded: a `fame.log.live_judge.LiveJudge`."""
+
+    @property
+    def now(self) -> int: ...
+    @property
+    def due(self) -> int | None: ...
+    @property
+    def judgements(self) -> Sequence[Judgement]: ...
+    def over(self, sink: Sink) -> Sink: ...
+    def on_model(self, robot: str, model: Mapping[str, Any]) -> None: ...
+    def reads(self, info: TopicInfo) -> bool: ...
+    def tick(self, time: int) -> None: ...
+    def end(self, *, complete: bool) -> None: ...
+
+
 class TeamRecorder(Closing):
     """Records the robots of a team until `close`. `note` gets lines for people, `on_model` what each robot runs.
 
@@ -77,7 +92,7 @@ class TeamRecorder(Closing):
         *,
         note: Callable[[str], object] = lambda text: None,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
-        judging: LiveJudge | None = None,
+        judging: RecordingJudge | None = None,
     ) -> None:
         self._options = options = options or TeamRecorderOptions()
         self._report_model, self._judging, self._note = on_model, judging, note
@@ -255,6 +270,6 @@ class TeamRecorder(Closing):
             for robot, model in self._next.items():
                 self._attach(robot, model, self.team.last_end(robot))
             if self._judging is not None:
-                self._judging.end(complete=not runs(self.team.state))
+                self._judging.end(complete=not self.team.state.runs)
             self._file.describe({"lost_batches": json.dumps(self.team.gaps), **self._dated()})
             self._file.finish()

@@ -25,6 +25,11 @@ class TeamState:
     time: int = 0
     robots: dict[str, RobotState] = field(default_factory=dict)
 
+    @property
+    def runs(self) -> bool:
+        """Return whether an instance of a robot runs."""
+        return any(status == "running" for one in self.robots.values() for _, status in one.instances.values())
+
     @classmethod
     def from_key(cls, time: int, data: Mapping[str, Any]) -> TeamState:
         """Return the state that a key message holds."""

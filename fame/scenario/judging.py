@@ -23,6 +23,7 @@ from fame.properties.monitor import Monitor, compile
 from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
 from fame.robot.events import Event, Observer
 from fame.robot.services import RunningService, ServiceContext
+from fame.rooms import ALARM, load
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -223,9 +224,7 @@ class RunWatches(Observer):
     def start(
         self, middleware: LocalMiddleware, world: World | None, context: ServiceContext, variables: Mapping[str, Any]
     ) -> RunningService:
-        from fame.log.property_watch import Alarm
-
-        alarm = Alarm(context, variables)
+        alarm = load(ALARM)(context, variables)
         plan = replace(self._plan, properties=(alarm.property,))
 
         def throw(judgement: Judgement) -> None:

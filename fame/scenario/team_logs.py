@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 from fame.clock import Scheduler
 from fame.errors import ConfigError
 from fame.log.conversion import FORMS, convert
-from fame.log.judge import reads
 from fame.log.recorder import About, LogTopics, model_attachments
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware
 from fame.properties import Judge, Judgement, Vocabulary, compile
+from fame.rooms import READS_TOPIC, load
 from fame.text import wrong_ending
 
 if TYPE_CHECKING:
@@ -59,7 +59,9 @@ class TeamLogs:
         options = TeamRecorderOptions(
             robots=frozenset(self._scenario.cast),
             topics=self._topics,
-            also=partial(reads, Judge([compile(each, team) for each in made])),
+            also=partial(load(READS_TOPIC), Judge([compile(each, team) for each in made]))
+            if made
+            else lambda info: False,
             metadata=self._about.metadata,
             models=False,
         )

@@ -25,9 +25,8 @@ from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import ACTS, TaskClient, TaskRequest
 from fame.deploy.sender import Sender
 from fame.errors import FameError, ModelError
-from fame.log.live_judge import LiveJudge
 from fame.log.live_team import RESTARTED
-from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
+from fame.log.team_recorder import RecordingJudge, TeamRecorder, TeamRecorderOptions
 from fame.middleware.interface import AnyMessage, Middleware, Publisher, QoS, resolve
 from fame.text import read_json
 from fame.view.catalogue import Catalogue
@@ -63,7 +62,7 @@ class TeamView(PageSink, Closing):
         robots: frozenset[str] = frozenset(),
         control: bool = False,
         key: Any = None,
-        judging: LiveJudge | None = None,
+        judging: RecordingJudge | None = None,
         who: str = "",
     ) -> None:
         super().__init__(Catalogue([]))

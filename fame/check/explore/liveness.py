@@ -17,8 +17,8 @@ from fame.bpmn import model
 from fame.check.explore.abstraction import Abstraction, taken
 from fame.check.explore.graph import reachable
 from fame.check.explore.remembering import key_of
-from fame.check.explore.script_effects import certainly_set, only_changed, read_first
-from fame.check.expressions import expressions_in, names_of
+from fame.check.explore.script_effects import only_changed
+from fame.check.expressions import certainly_set, expressions_in, names_of, read_first
 from fame.engine.data import variable_name
 from fame.errors import FameError
 

@@ -230,41 +230,6 @@ def only_changed(script: Expression) -> frozenset[str]:
     return frozenset({node.id for node in names if id(node) in changing | counted_up} - read)
 
 
-@lru_cache(maxsize=1024)
-def certainly_set(script: Expression) -> frozenset[str]:
-    """Return the variables that a script sets whatever happens, unless it fails."""
-    return frozenset(name for statement in _statements(script) for name in _targets(statement))
-
-
-@lru_cache(maxsize=1024)
-def read_first(script: Expression) -> frozenset[str]:
-    """Return the names that a script may read before it has certainly set them."""
-    found, done = set[str](), set[str]()
-    for statement in _statements(script):
-        found |= {
-            node.id for node in ast.walk(statement)
-            if isinstance(node, ast.Name) and node.id not in done
-            and (isinstance(node.ctx, ast.Load) or isinstance(statement, ast.AugAssign))
-        }  # fmt: skip
-        done |= {*_targets(statement)}
-    return frozenset(found)
-
-
-def _statements(script: Expression) -> list[ast.stmt]:
-    try:
-        return list(getattr(parse_python(script), "body", ()))
-    except FameError:
-        return []
-
-
-def _targets(statement: ast.stmt) -> Iterator[str]:
-    """The variables that an assignment sets."""
-    for target in statement.targets if isinstance(statement, ast.Assign) else ():
-        for part in target.elts if isinstance(target, ast.Tuple | ast.List) else (target,):
-            if isinstance(part, ast.Name):
-                yield part.id
-
-
 # ---- lists of which only the length is read --------------------------------------------------------------------------
 
 
