@@ -35,7 +35,7 @@ def test_each_pattern_of_the_table_can_be_read(pattern: tuple[str, str]) -> None
 
 
 @pytest.mark.long_but("?", "[1-4]?")
-@pytest.mark.parametrize("seed", range(150))
+@pytest.mark.parametrize("seed", range(400))
 def test_monitors_say_what_the_sentences_mean(seed: int) -> None:
     assert list(differences(seed)) == []
 
@@ -169,6 +169,30 @@ def test_each_event_that_opens_a_scope_counts_while_another_is_open(
 
 
 @pytest.mark.parametrize(
+    ("sentence", "right"),
+    [
+        ("between A throws /found and A completes, never B starts y before B completes y", ("holds", None, None)),
+        ("after A throws /found, never B starts y before B completes y", ("violated", None, 7)),
+        ("after B starts x, B ends x until A throws /done", ("violated", None, 9)),
+        ("between B starts x and A throws /done, B ends x", ("violated", None, 9)),
+        ("between A throws /found and A throws /found, A throws /done with the same id", ("holds", None, None)),
+    ],
+)
+def test_a_scope_changes_nothing_else_of_its_pattern(
+    sentence: str, right: tuple[str, float | None, int | None]
+) -> None:
+    items = [
+        event(1, "A", "throw", "leave")._replace(message={"id": 1}),
+        event(2, "A", "reply", "leave")._replace(message={"id": 1}),
+        event(3, "A", "P_A", "end")._replace(event=("A", "P_A", "end", "completed")),
+        *(event(second, "B", "x", what) for second, what in ((4, "enter"), (5, "enter"), (6, "leave"))),
+        event(7, "B", "y", "enter"),
+    ]
+    time = right[2] and right[2] * 10**9
+    assert judged(parse(sentence), items, 9 * 10**9, True) == (*right[:2], time)
+
+
+@pytest.mark.parametrize(
     ("sentence", "good"),
     [("never A.battery < 0.2", 0.9), ("always A.battery < 0.2", 0.1), ("never A.battery != 0.2", 0.2)],
 )
@@ -178,10 +202,24 @@ def test_a_comparison_with_what_was_not_measured_is_not_known(sentence: str, goo
         items = [Item(second * 10**9, source=source, value=charge) for second, charge in enumerate(charges)]
         return judged(parse(sentence), items, 10**10, True)[0]
 
-    assert said(math.nan) == said(good, math.nan) == "not known"
+    assert said(math.nan) == said(good, math.nan) == said(math.nan, good) == "not known"
     judge = Judge([compile(parse(sentence), VOCABULARY)])
     judge.sample(2 * 10**9, ValueSource("battery", "A"), math.nan)
     assert judge.finish(10**10, complete=True)[0].text == "A.battery is not known at 2 s"
+
+
+def test_what_is_false_decides_beside_what_was_not_measured() -> None:
+    values = {"v": math.nan, "w": 3}
+    items = [Item(0, source=ValueSource("variable", "A", name), value=value) for name, value in values.items()]
+    for sentence, word in {
+        "never A.v > 1 and A.w > 3": "holds",
+        "always A.v > 1 and A.w > 3": "violated",
+        "never A.v > 1 and A.w > 2": "not known",
+    }.items():
+        assert judged(parse(sentence), items, 10**9, True)[0] == word
+    thrown = [Item(10**9, ("A", "throw", "leave", None), {"id": math.nan, "kind": 1})]
+    for where, word in {"id > 1 and kind > 1": "holds", "kind > 1 and id > 1": "holds", "id > 1": "not known"}.items():
+        assert judged(parse(f"never A throws /found where {where}"), thrown, 10**10, True)[0] == word
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,24 @@ def test_a_value_is_judged_as_it_was_before_a_script_changed_it_in_place(team: P
     assert (found.verdict, found.time) == ("violated", 0)
 
 
+@pytest.mark.parametrize("change", ["v = float('nan')", "del v", "v = float('inf')"])
+def test_a_value_that_is_no_number_any_more_is_judged_alike_in_the_run_and_its_recording(
+    team: Path, change: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    team.write_text(text_of({"A": ["run v = 1", "timer PT2S", f"run {change}", "timer PT2S"], "B": ["timer PT1S"]}))
+    place, log = team.with_name("team.properties.yaml"), team.with_name("run.mcap")
+    place.write_text(
+        "properties: {small: always A.v < 10, other: always A.v != 3, late: 'after B completes, never A.v == 1'}"
+    )
+    main(["run", str(team), "--quiet", "--log", str(log)])
+    words = [each.verdict for each in Scenario.load(team).run().judgements]
+    capsys.readouterr()
+    main(["log", "judge", str(place), str(log), "--json"])
+    (recorded,) = json.loads(capsys.readouterr().out)["runs"].values()
+    assert words == [each["verdict"] for each in recorded]
+    assert words[:2] == (["violated", "holds"] if "inf" in change else ["not known"] * 2)
+
+
 def test_what_cannot_come_any_more_is_violated(team: Path) -> None:
     team.write_text(text_of({"A": ["throw go"], "B": ["catch never"]}))
     team.with_name("team.properties.yaml").write_text("properties:\n  answer: after A throws /go, B completes\n")

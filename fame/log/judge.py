@@ -31,6 +31,7 @@ from fame.properties import Judge, Judgement, Monitor, Property, compile
 from fame.properties.conditions import RobotPosition, ValueSource, field_of
 from fame.properties.vocabulary import Closure, RobotTerms, Vocabulary, vocabulary
 from fame.robot.events import ENDED
+from fame.robot.plain_values import with_numbers
 from fame.robot.robot_state import RobotState
 
 _NO_ORDER = "the log lacks the order of one instant"
@@ -292,7 +293,7 @@ class TeamJudge:
             if change["path"]:
                 continue
             variables = instances.setdefault(change["instance"], {})
-            variables.update(change.get("set", {}))
+            variables.update((name, with_numbers(value)) for name, value in change.get("set", {}).items())
             for name in change.get("unset", ()):
                 variables.pop(name, None)
         self._read(time, str(data["robot"]))  # also what an instance has set as it ended
@@ -303,10 +304,9 @@ class TeamJudge:
     def _read(self, time: int, robot: str) -> None:
         """Sample the variables of the instance that started last."""
         instances = self._scopes.get(robot, {})
-        for source in self._reads.get(robot, ()) if instances else ():
-            variables = instances[max(instances)]
-            if source.name in variables:
-                self.judge.sample(time, source, variables[source.name])
+        if instances and robot in self._reads:
+            last = max(instances)
+            self.judge.variables(time, self._reads[robot], last, instances[last])
 
     def _take_world(self, time: int, data: Mapping[str, Any]) -> None:
         for robot, look in scene_values(data) if self._poses else ():

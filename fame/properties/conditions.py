@@ -41,9 +41,9 @@ class RobotPosition(NamedTuple):
 LastValues = Mapping[ValueSource, Any]
 Get = Callable[[LastValues, int], Any]
 """Takes the last values and the time (ns), and gives a value; None if it is not known."""
-Reading = tuple[bool, float | None] | None
-"""Whether a condition holds and its slack in the unit of its values (None where nothing can be measured); None: it
-cannot be judged."""
+Reading = tuple[bool | None, float | None] | None
+"""Whether a condition holds and its slack in the unit of its values (None where nothing can be measured); whether it
+holds is None where that depends on NaN, or on an order of what is no number. None: it has no value."""
 
 _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {"<": lt, "<=": le, ">": gt, ">=": ge, "==": eq, "!=": ne}
 
@@ -67,7 +67,8 @@ class Condition:
 
     def shown(self, values: LastValues, time: int) -> list[str]:
         """Return its values in words."""
-        return [f"{name} is {_short(get(values, time))}" for name, get in self._names]
+        known = ((name, get(values, time)) for name, get in self._names)
+        return [f"{name} is {_short(value)}" for name, value in known if measured(value) is not None]
 
     def unknown(self, values: LastValues, time: int) -> list[str]:
         """Return the names of its values that are not known although all were sampled."""
@@ -75,23 +76,26 @@ class Condition:
         return [name for name, get in names if measured(get(values, time)) is None]
 
     def _read(self, values: LastValues, time: int) -> Reading:
-        holds, slack = True, None
+        holds, slack, unknown, lost = True, None, False, False
         for get_left, compare, operator, get_right in self._parts:
-            left, right = measured(get_left(values, time)), measured(get_right(values, time))
-            if left is None or right is None:
-                return None
-            own = _slack(left, operator, right)
-            if own is None and operator not in ("==", "!="):
-                return None  # an order of what is no number
+            left, right = get_left(values, time), get_right(values, time)
+            missing = measured(left) is None or measured(right) is None
+            own = None if missing else _slack(left, operator, right)
+            if missing or (own is None and operator not in ("==", "!=")):
+                unknown = True  # lost: not measured, or an order of what is no number; else there is no value
+                lost = lost or not missing or _is_nan(left) or _is_nan(right)
+                continue
             holds = bool(compare(left, right)) and holds
             if own is not None and (slack is None or own < slack):
                 slack = own
+        if unknown:  # what else is false decides
+            return (False, None) if not holds else (None, None) if lost else None
         return holds, slack
 
     def _read_negated(self, values: LastValues, time: int) -> Reading:
         reading = self._read(values, time)
-        if reading is None:
-            return None
+        if reading is None or reading[0] is None:
+            return reading
         return not reading[0], None if reading[1] is None else -reading[1]
 
 
@@ -118,19 +122,26 @@ def field_of(value: Any, path: Path) -> Any:
 
 def measured(value: Any) -> Any:
     """Return a value; None for NaN: it was not measured, so a comparison with it is neither true nor false."""
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return None if _is_nan(value) else value
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)
 
 
 def meets(message: Any, tests: Sequence[FieldTest]) -> bool | None:
-    """Return whether a message meets all tests; None if a field is not there, or was not measured."""
+    """Return whether a message meets all tests; None if that depends on a field that is not there or not measured."""
+    met: bool | None = True
     for test in tests:
         value = measured(field_of(message, test.path))
         try:
-            if value is None or not _OPERATORS[test.operator](value, test.constant):
-                return None if value is None else False
+            if value is None:
+                met = None
+            elif not _OPERATORS[test.operator](value, test.constant):
+                return False
         except TypeError:
-            return None
-    return True
+            met = None
+    return met
 
 
 def distance(one: RobotPosition | None, other: RobotPosition | None) -> float | None:
@@ -138,6 +149,14 @@ def distance(one: RobotPosition | None, other: RobotPosition | None) -> float | 
     if one is None or other is None or one.frame != other.frame:
         return None
     return math.dist(one[:3], other[:3])
+
+
+def _distance(values: LastValues, one: ValueSource, other: ValueSource) -> float | None:
+    """The distance (m) of two positions; None before both are there, NaN while one is lost or in another frame."""
+    if one not in values or other not in values:
+        return None
+    found = distance(values[one], values[other])
+    return math.nan if found is None else found
 
 
 def pose_of(message: Any) -> RobotPosition | None:
@@ -205,7 +224,7 @@ def _getter(
         return (), lambda values, time: constant
     if value.kind == "distance":
         one, other = (_pose_source(robot, made, vocabulary) for robot in robots)
-        return (one, other), lambda values, time: distance(values.get(one), values.get(other))
+        return (one, other), lambda values, time: _distance(values, one, other)
     if value.kind == "topic":
         vocabulary.check_topic_field(value.subject.text, value.path, made, value.subject.offset)
         topic, path = ValueSource("topic", value.subject.text), value.path

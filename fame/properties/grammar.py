@@ -118,7 +118,11 @@ class _Parser:
                 self._expected("the end of the sentence")
             self._take()
             closes = self._event()
-        closes = parts.pop("before", closes)  # type: ignore[assignment]
+        before = parts.pop("before", None)
+        if closes is None:
+            closes = before  # type: ignore[assignment]
+        elif before is not None:
+            parts["other"] = before
         if self._next.kind != "end":
             self._expected("the end of the sentence", ("until", "within", "with", "and", "before"))
         made = Property(self._name, self._text, self._place, opens=opens, closes=closes, **parts)  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ something later is given, or `advance` is called. A message that a robot throws 
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -105,6 +106,7 @@ class Judge:
 
     def __init__(self, monitors: Sequence[Monitor], on_violation: Callable[[Judgement], object] | None = None) -> None:
         self.values: dict[ValueSource, Any] = {}
+        self._owners: dict[ValueSource, int] = {}  # variables -> the instance that had them last
         self.watch: Callable[[int, Judgement], object] | None = None
         self._states: list[list[PartState]] = [list(one.initial) for one in monitors]
         self.now = 0
@@ -267,6 +269,15 @@ class Judge:
         self.values[source] = value
         self._dirty.update(dict.fromkeys(self._readers.get(source, ())))
 
+    def variables(self, time: int, sources: Iterable[ValueSource], instance: int, variables: Mapping[str, Any]) -> None:
+        """Sample variables of the instance of a robot that started last: one that it has removed is as NaN."""
+        for source in sources:
+            if source.name in variables:
+                self._owners[source] = instance
+                self.sample(time, source, variables[source.name])
+            elif self._owners.get(source) == instance:
+                self.sample(time, source, math.nan)
+
     def lose(self, robot: str, reason: str, since: int | None = None) -> None:
         """Events of a robot were lost, perhaps all after the time `since` (ns): what needs them is not known."""
         for number, monitor in enumerate(self.monitors):
@@ -336,7 +347,7 @@ class Judge:
             one, state = self.monitors[number].parts[part], self._states[number][part]
             if state[0] == OPEN and one.condition is not None:
                 reading = one.condition.read(self.values, self.now)
-                if reading is None and (names := one.condition.unknown(self.values, self.now)):
+                if (reading is None or reading[0] is None) and (names := one.condition.unknown(self.values, self.now)):
                     self._reasons.setdefault(number, f"{names[0]} is not known at {self.now / SECOND:g} s")
                 self._put((number, part), one.sample(state, self.now, reading), self.now, "", "")
                 if self.watch is not None and reading is not None and reading[1] is not None:

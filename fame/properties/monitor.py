@@ -154,6 +154,8 @@ class Part:
         if reading is None:
             return phase, since, memory, slack, _WITHOUT_VALUE[triggered]
         holds, own = reading
+        if holds is None:
+            return phase, since, memory, slack, 2
         if own is not None and (slack is None or own < slack):
             slack = own
         if not holds:
@@ -392,7 +394,8 @@ class Monitor:
             if met is None or (reaction.same and key is None):
                 found[reaction.part] = 0, _UNKNOWN_KEY
             elif met and found.get(reaction.part, (0, None))[1] is not _UNKNOWN_KEY:
-                found[reaction.part] = found.get(reaction.part, (0, None))[0] | reaction.roles, key
+                before, known = found.get(reaction.part, (0, None))
+                found[reaction.part] = before | reaction.roles, key if reaction.same else known
         for number, (roles, key) in found.items():
             yield number, roles, key
 
@@ -468,7 +471,7 @@ def _from_start(made: Property) -> Property:
 def _is_each(made: Property) -> bool:
     """Whether it says of something that starts that it ends."""
     begin, end = made.opens, made.main
-    if made.pattern != "exists" or made.closes is not None or begin is None or end is None or begin.some or end.some:
+    if made.pattern != "exists" or begin is None or end is None or begin.some or end.some:
         return False
     same = (begin.robot.text, begin.target.text) == (end.robot.text, end.target.text)
     return same and begin.verb == "starts" and end.verb == "ends"
@@ -496,8 +499,8 @@ def _react(
 ) -> None:
     """Add what events do in a part."""
     keyed = {OPENS, MAIN} if made.pattern == "exists" else {MAIN, OTHER}
-    roles = {OPENS: made.opens, CLOSES: made.closes, MAIN: made.main, OTHER: made.other}
-    for role, event in roles.items():
+    other = CLOSES if made.pattern == "never" else OTHER
+    for role, event in ((OPENS, made.opens), (CLOSES, made.closes), (MAIN, made.main), (other, made.other)):
         if event is None:
             continue
         bound = binding.get(event.robot.text)

@@ -105,6 +105,7 @@ class Property:
     """A sentence that was read.
 
     main, other  the events of the pattern; `other`: those after which it may occur
+                 (of ``never F before E`` in a scope that ends at another event: E)
     condition    of ``always`` and ``never``
     opens        the scope begins after this; None: at the start
     closes       the scope ends at this; None: at the end

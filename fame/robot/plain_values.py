@@ -10,6 +10,7 @@ texts, too.
 from __future__ import annotations
 
 import marshal
+import math
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -126,6 +127,18 @@ def _float(value: float, depth: int) -> float | str:
     if value - value == 0.0:
         return value
     return "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"
+
+
+_NUMBERS = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+
+
+def with_numbers(value: Any) -> Any:
+    """Return plain data with NaN and infinities as the numbers that they are."""
+    if isinstance(value, str):
+        return _NUMBERS.get(value, value)
+    if isinstance(value, list):
+        return [with_numbers(each) for each in value]
+    return {name: with_numbers(each) for name, each in value.items()} if isinstance(value, dict) else value
 
 
 def _text(value: str, depth: int) -> Any:

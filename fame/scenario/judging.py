@@ -136,10 +136,10 @@ class RunJudge(Observer):
             known = [*running, *self._instances.get(robot, ())]
             instance = max(known, key=lambda one: one.key, default=None)
             self._instances[robot] = running
-            for source in self._reads[robot] if instance is not None else ():
-                variables: dict[str, Any] = instance.root_variables  # type: ignore[union-attr]
-                if source.name in variables:
-                    self.judge.sample(now, source, own_copy(variables[source.name]))
+            if instance is not None:
+                sources, variables = self._reads[robot], instance.root_variables
+                kept = {one.name: own_copy(variables[one.name]) for one in sources if one.name in variables}
+                self.judge.variables(now, sources, instance.key, kept)
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """Take the messages of a publisher, if a property reads them."""
