@@ -87,12 +87,17 @@ def _hidden(top: str) -> str:
 def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of `package`, as ``lazy_loader.attach_stub`` does.
 
-    Public are the names that the package imports under ``if TYPE_CHECKING``, as ``from module import name as name``.
+    Public are the names that the package imports under ``if TYPE_CHECKING``, as ``from module import name as name``,
+    or in the stub file beside it: so names of rooms, which no statement of the core imports.
     """
     module = sys.modules[package]
-    source = "".join(getlines(str(module.__file__), vars(module)))  # of any loader, as tracebacks show it
-    blocks = (node.body for node in ast.parse(source).body if isinstance(node, ast.If))
-    imports = (node for block in blocks for node in block if isinstance(node, ast.ImportFrom))
+    try:
+        source = vars(module)["__loader__"].get_data(f"{module.__file__}i").decode()
+        nodes = ast.parse(source).body
+    except OSError:
+        source = "".join(getlines(str(module.__file__), vars(module)))  # of any loader, as tracebacks show it
+        nodes = [inner for node in ast.parse(source).body if isinstance(node, ast.If) for inner in node.body]
+    imports = (node for node in nodes if isinstance(node, ast.ImportFrom))
     modules = {alias.name: str(node.module) for node in imports for alias in node.names}
     public = sorted(modules)
 

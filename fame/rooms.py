@@ -45,6 +45,14 @@ ROOMS: Mapping[str, Room] = {
         ("fame.log.judge", "fame.log.live_judge", "fame.log.bags", "fame.log.property_watch"),
         "properties of a team, judged on recordings and on the network",
     ),
+    "dds": Room(("fame.middleware.dds",), "the network of ROS 2, without ROS", "dds"),
+    "zenoh": Room(("fame.middleware.zenoh", "fame.cli.router"), "the network of rmw_zenoh, without ROS", "zenoh"),
+    "ros": Room(("fame.middleware.ros", "fame.middleware.self_echo_filter"), "nodes of rclpy, inside a ROS 2 system"),
+    "javascript": Room(("fame.scripting.javascript",), "scripts and conditions in JavaScript", "js"),
+    "feel": Room(
+        ("fame.scripting.feel", "fame.scripting.juel", "fame.scripting.grammar", "fame.scripting.signatures"),
+        "expressions of Camunda: = and ${}",
+    ),
 }
 
 
@@ -116,15 +124,33 @@ SERVICES: Mapping[str, BuiltInService] = {
 """The services of FAME by name; `fame.monitor.services` says what they do."""
 
 
+# ---- languages and middlewares ---------------------------------------------------------------------------------------
+
+LANGUAGES: Mapping[str, str] = {
+    "feel": "fame.scripting.feel.language:parse_feel",
+    "javascript": "fame.scripting.javascript:compile_javascript",
+    "juel": "fame.scripting.juel:parse_juel",
+}
+"""What parses an expression (text -> `fame.scripting.data.Parsed`), or compiles a text as `compile_script` does."""
+MIDDLEWARES: Mapping[str, str] = {
+    "dds": "fame.middleware.dds:DdsMiddleware",
+    "zenoh": "fame.middleware.zenoh:ZenohMiddleware",
+    "ros": "fame.middleware.ros:RosMiddleware",
+}
+"""FAME's own backends between processes: each makes a `fame.middleware.interface.Middleware`."""
+
+
 # ---- what else the core uses of rooms --------------------------------------------------------------------------------
 
 ALARM = "fame.log.property_watch:Alarm"
+DDS_TYPE = "fame.middleware.dds.wire:declared"
 EXPLORE_FOUND = "fame.scenario.exploration:explore_found"
 EXPLORE_MIGRATED = "fame.scenario.exploration:explore_migrated"
 EXPLORE_OBJECTION = "fame.scenario.exploration:objection"
 EXPLORE_OPTIONS = "fame.cli.exploration:add_arguments"
 EXPLORE_RUN = "fame.cli.exploration:run"
 FINDING_AS_JSON = "fame.cli.exploration:finding_as_json"
+JAVASCRIPT_HOST = "fame.scripting.javascript:HostApi"
 JUDGE_BAG = "fame.log.bags:judge_bag"
 JUDGE_LOG = "fame.log.judge:judge_log"
 LIVE_JUDGE = "fame.log.live_judge:LiveJudge"
@@ -134,3 +160,4 @@ READS_TOPIC = "fame.log.judge:reads"
 VIEW_OPTIONS = "fame.cli.view:add_page"
 VIEW_RUN = "fame.cli.view:viewed"
 VIEW_WAIT = "fame.cli.view:wait_for_interrupt"
+ZENOH_MEETING = "fame.middleware.zenoh.session:take_over"

@@ -30,7 +30,7 @@ from fame.engine import UNDEFINED
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
-from fame.scripting.grammar import ExpressionError
+from fame.scripting.data import ExpressionError
 from fame.scripting.python import called_name
 from fame.text import ros_name, wrong_topic
 

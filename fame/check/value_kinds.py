@@ -26,7 +26,7 @@ from fame.engine.data import variable_name
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
-from fame.scripting.grammar import ExpressionError
+from fame.scripting.data import ExpressionError
 from fame.scripting.python import called_name
 
 _MOST = 16

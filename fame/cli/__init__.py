@@ -42,7 +42,7 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
         "engine": "engine.add",
         "deploy": "deployment.add_deploy",
         "splitter": "deployment.add_splitter",
-        "router": "network.add_router",
+        "router": "router.add",
         "status": "robots.add_status",
         **dict.fromkeys(
             (

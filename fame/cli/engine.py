@@ -14,6 +14,7 @@ from fame.cli.arguments import Commands, Parser, add_library, add_trust, command
 from fame.cli.network import add_network, guard, lockstep, note_ready, wait_until
 from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
+from fame.rooms import ZENOH_MEETING, load
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -175,9 +176,8 @@ def _wait(arguments: Namespace, children: Mapping[int, str]) -> int:
     with ExitStack() as opened:
         if arguments.middleware == "zenoh" and arguments.network is None:
             from fame.middleware.wire_base import domain_id
-            from fame.middleware.zenoh.session import take_over
 
-            meeting = take_over(domain_id(), len(children))
+            meeting = load(ZENOH_MEETING)(domain_id(), len(children))
             if meeting is not None:
                 opened.callback(meeting.close)
         codes = wait_for(children)

@@ -17,6 +17,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from fame import rooms
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope
@@ -194,9 +195,8 @@ def _steps() -> Iterator[str]:
     codec.typestore("std_msgs/msg/Bool")
     yield "codec"
     if "fame.middleware.dds" in sys.modules:
-        from fame.middleware.dds import wire
-
-        wire.declared("std_msgs/msg/Bool", False).__idl__.fill_type_data()  # what all descriptions are made with
+        declared = rooms.load(rooms.DDS_TYPE)("std_msgs/msg/Bool", False)
+        declared.__idl__.fill_type_data()  # what all descriptions are made with
     yield "descriptions"
 
 

@@ -28,16 +28,6 @@
 To add a backend, derive a middleware, a node, a publisher, a subscription, a service and a client from `wire_base`.
 """
 
-from typing import TYPE_CHECKING
-
 from fame.imports import attach
 
-if TYPE_CHECKING:
-    from fame.middleware.dds import DdsMiddleware as DdsMiddleware
-    from fame.middleware.interface import Middleware as Middleware, Node as Node, QoS as QoS
-    from fame.middleware.local import LocalMiddleware as LocalMiddleware
-    from fame.middleware.messages import register_files as register_files
-    from fame.middleware.network import Link as Link, NetworkConfig as NetworkConfig, Partition as Partition
-    from fame.middleware.zenoh import ZenohMiddleware as ZenohMiddleware
-else:
-    __getattr__, __dir__, __all__ = attach(__name__)
+__getattr__, __dir__, __all__ = attach(__name__)

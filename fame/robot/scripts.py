@@ -18,13 +18,14 @@ from fame.middleware.interface import Node, Publisher, resolve
 from fame.randomness import robot_random
 from fame.robot.endpoints import Endpoints
 from fame.robot.options import RobotOptions
+from fame.rooms import JAVASCRIPT_HOST, load
 from fame.scripting import Robot, Runner, another
 from fame.scripting.interface import interface
 from fame.scripting.languages import HOST_API, MISSING
 from fame.text import topic_of
 
 if TYPE_CHECKING:
-    from fame.scripting.javascript import HostApi
+    from fame.scripting.languages import JavaScriptHost
 
 
 class Scripts:
@@ -73,12 +74,10 @@ class Scripts:
         self._builtins = interface(robot=self._robot, signal=self._signal, log=log) | own
 
     @cached_property
-    def javascript(self) -> HostApi:
+    def javascript(self) -> JavaScriptHost:
         """The interface that only scripts in JavaScript find, made when the first of them runs."""
-        from fame.scripting.javascript import HostApi
-
         self._has_javascript = True
-        return HostApi(
+        host: JavaScriptHost = load(JAVASCRIPT_HOST)(
             name=self._robot.name,
             namespace=self._namespace,
             epoch=self._robot._epoch.timestamp() * 1000,
@@ -94,6 +93,7 @@ class Scripts:
             failed=self._on_callback_failed,
             alive=self._is_alive,
         )
+        return host
 
     def variables(self) -> dict[str, Any]:
         """Return the variables of a new instance: the interface of its scripts alone."""

@@ -17,11 +17,12 @@ from fame.config.loader import find_object, registered
 from fame.errors import ConfigError, FameError
 from fame.middleware.interface import EndpointWarning, Middleware
 from fame.robot.events import Event
+from fame.rooms import MIDDLEWARES, load
 from fame.scenario.service_manager import Notifier
 
 _ENDING = 3
 """Maximum time for stopping a component (s), longer than the grace period of scripts."""
-BACKENDS = ("dds", "zenoh", "ros")
+BACKENDS = tuple(MIDDLEWARES)
 """FAME's own backends between processes; packages add others (docs/extending.md). `fame run` also has ``local``."""
 GROUP = "fame.middleware"
 """Group of the entry points by which packages add backends."""
@@ -142,22 +143,14 @@ def connect(
     if network is not None and isinstance(network, Router) != (backend == "zenoh"):
         routed = "Zenoh reaches other machines through routers: --router ADDRESS, not --network"
         raise ConfigError(routed if backend == "zenoh" else "--router and --zenoh-config need --middleware zenoh")
-    if backend == "dds":
-        from fame.middleware.dds import DdsMiddleware
-
-        return DdsMiddleware(scheduler, network=network, on_warning=on_warning)
-    if backend == "ros":
-        from fame.middleware.ros import RosMiddleware
-
-        return RosMiddleware(scheduler, network=network, on_warning=on_warning)
-    if backend == "zenoh":
-        from fame.middleware.zenoh import ZenohMiddleware
-
-        return ZenohMiddleware(scheduler, network=network, crowd=crowd, on_warning=on_warning)
-    place = registered(GROUP).get(backend)
-    if place is None:
+    crowded = {"crowd": crowd} if backend == "zenoh" else {}
+    if backend in MIDDLEWARES:
+        make = load(MIDDLEWARES[backend])
+    elif (place := registered(GROUP).get(backend)) is not None:
+        make = find_object(place, Path())
+    else:
         raise ConfigError(f"expected middleware {' or '.join(BACKENDS)}, got {backend!r}")
-    made: Middleware = find_object(place, Path())(scheduler, network=network, on_warning=on_warning)
+    made: Middleware = make(scheduler, network=network, on_warning=on_warning, **crowded)
     return made
 
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Number
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 # ---- values ----------------------------------------------------------------------------------------------------------
 
@@ -31,6 +31,26 @@ _TABLES = ("__field_names__", "__dataclass_fields__", "__dict__")
 
 class Undefined(NameError):
     """A name that is not set, or a field that an object does not have."""
+
+
+class ExpressionError(ValueError):
+    """An expression is wrong. `place` is the index of the letter where."""
+
+    def __init__(self, text: str, place: int = 0) -> None:
+        super().__init__(text)
+        self.place = place
+
+
+class Parsed(NamedTuple):
+    """A parsed text: its value, the variables that it reads, and its constant parts that have loops or calls."""
+
+    evaluate: Evaluate
+    names: Mapping[str, None]
+    constants: Sequence[Evaluate] = ()
+
+
+def constant(value: Any) -> Evaluate:
+    return lambda variables: value
 
 
 def checked(value: Any, name: str) -> Any:

@@ -13,10 +13,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from fame.scripting.budget import metered
-from fame.scripting.data import NUMBERS, PLAIN, Evaluate, Undefined, checked
+from fame.scripting.data import NUMBERS, PLAIN, Evaluate, ExpressionError, Parsed, Undefined, checked, constant
 from fame.scripting.signatures import Argument, Function, called, chosen
 
 _TOKEN = re.compile(
@@ -35,14 +35,6 @@ _ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "\\": "\\", '"': '"', "'": "'"}
 
 
 TokenKind = Literal["number", "text", "name", "operator", "end"]
-
-
-class ExpressionError(ValueError):
-    """An expression is wrong. `place` is the index of the letter where."""
-
-    def __init__(self, text: str, place: int = 0) -> None:
-        super().__init__(text)
-        self.place = place
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,14 +110,6 @@ class Dialect:
     infixes: Mapping[str, tuple[int, Infix]]
     functions: Mapping[str, Sequence[Function]]
     undefined_is_null: bool
-
-
-class Parsed(NamedTuple):
-    """A parsed text: its value, the variables that it reads, and its constant parts that have loops or calls."""
-
-    evaluate: Evaluate
-    names: Mapping[str, None]
-    constants: Sequence[Evaluate] = ()
 
 
 class ExpressionParser:
@@ -344,10 +328,6 @@ class ExpressionParser:
 
 def _then(evaluate: Evaluate, after: Callable[[Any], Any]) -> Evaluate:
     return lambda variables: after(evaluate(variables))
-
-
-def constant(value: Any) -> Evaluate:
-    return lambda variables: value
 
 
 def variable(name: str, undefined_is_null: bool) -> Evaluate:

@@ -15,7 +15,10 @@ from typing import Any
 
 from fame.scripting.data import (
     Evaluate,
+    ExpressionError,
+    Parsed,
     Undefined,
+    constant,
     field,
     is_empty,
     is_list,
@@ -28,10 +31,8 @@ from fame.scripting.data import (
 from fame.scripting.feel.functions import FUNCTIONS
 from fame.scripting.grammar import (
     Dialect,
-    ExpressionError,
     ExpressionParser,
     Infix,
-    constant,
     infix,
     listing,
     mapping,
@@ -248,3 +249,8 @@ JUEL = Dialect(
     undefined_is_null=False,
 )
 """The language."""
+
+
+def parse_juel(text: str) -> Parsed:
+    """Return the expression. Raises ExpressionError."""
+    return ExpressionParser(text, JUEL).parsed()

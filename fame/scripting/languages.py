@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 from fame.bpmn.model import Expression
 from fame.errors import ModelError
+from fame.rooms import LANGUAGES, load
 from fame.scripting.data import Undefined, judged
 from fame.scripting.python import Code, compile_python
 
 if TYPE_CHECKING:
-    from fame.scripting.grammar import Parsed
+    from fame.scripting.data import Parsed
     from fame.scripting.substitution import Missing
 
 HOST_API = "__javascript__"
 """The key in ``__builtins__`` of a function that gives the interface of scripts in JavaScript."""
+
+
+class JavaScriptHost(Protocol):
+    """What a robot asks of the interface of its scripts in JavaScript."""
+
+    @property
+    def realms(self) -> Sequence[object]: ...
+    def sweep(self) -> None: ...
+    def close(self) -> None: ...
+
+
 MISSING = "__missing__"
 """The key in ``__builtins__`` of a function (element, field, error), called when a payload leaves out a field."""
 
@@ -30,9 +42,7 @@ def compile_script(expression: Expression, *, file: str = "", element: str = "")
     if expression.language == "python":
         return compile_python(expression, "exec", file, element)
     if expression.language == "javascript":
-        from fame.scripting.javascript import compile_javascript
-
-        return compile_javascript(expression, script=True, file=file, element=element)
+        return _compile_javascript(expression, script=True, file=file, element=element)
     raise ModelError(f"a script cannot be written in {expression.language}; accepted are python and javascript",
                      file=file, line=expression.line, element=element)  # fmt: skip
 
@@ -46,17 +56,18 @@ def compile_expression(expression: Expression, *, file: str = "", element: str =
     if expression.language == "python":
         return compile_python(expression, "eval", file, element)
     if expression.language == "javascript":
-        from fame.scripting.javascript import compile_javascript
-
-        return compile_javascript(expression, script=False, file=file, element=element)
+        return _compile_javascript(expression, script=False, file=file, element=element)
     return parse_expression(expression, file=file, element=element)[0]
+
+
+def _compile_javascript(expression: Expression, *, script: bool, file: str, element: str) -> Code:
+    compiled: Code = load(LANGUAGES["javascript"])(expression, script=script, file=file, element=element)
+    return compiled
 
 
 def parse_expression(expression: Expression, *, file: str = "", element: str = "") -> Parsed:
     """As `compile_expression`, of any language that is ours; with the names that it reads, in order."""
-    from fame.scripting.feel import FEEL
-    from fame.scripting.grammar import ExpressionError, ExpressionParser
-    from fame.scripting.juel import JUEL
+    from fame.scripting.data import ExpressionError
     from fame.scripting.substitution import feel_payload, inside, payload, template, value
 
     text = expression.text
@@ -73,11 +84,10 @@ def parse_expression(expression: Expression, *, file: str = "", element: str = "
                 return value(text, lambda variables, path, error: None)
             case "value" | "feel":
                 text = text.lstrip().removeprefix("=")
-                parser = ExpressionParser(text, FEEL)
+                found: Parsed = load(LANGUAGES["feel"])(text)
             case _:
                 text = text.strip() if inside(text.strip()) is None else str(inside(text.strip()))
-                parser = ExpressionParser(text, JUEL)
-        found = parser.parsed()
+                found = load(LANGUAGES["juel"])(text)
         return found._replace(evaluate=judged(found.evaluate)) if expression.condition else found
     except ExpressionError as error:
         skipped = expression.text.find(text)

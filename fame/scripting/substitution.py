@@ -14,10 +14,8 @@ from typing import Any
 
 from fame.config.scalars import core_loader, scalar
 from fame.engine.data import UNDEFINED
-from fame.scripting.data import Evaluate, Undefined, to_text
-from fame.scripting.feel import FEEL
-from fame.scripting.grammar import ExpressionError, ExpressionParser, Parsed, constant
-from fame.scripting.juel import JUEL
+from fame.rooms import LANGUAGES, load
+from fame.scripting.data import Evaluate, ExpressionError, Parsed, Undefined, constant, to_text
 
 # ---- texts with ${...} -----------------------------------------------------------------------------------------------
 
@@ -60,13 +58,12 @@ class Substituted:
 
     def _parsed(self, start: int, end: int) -> Evaluate:
         try:
-            parser = ExpressionParser(self.text[start + 2 : end - 1], JUEL)
-            evaluate = parser.whole()
+            found: Parsed = load(LANGUAGES["juel"])(self.text[start + 2 : end - 1])
         except ExpressionError as error:
             raise ExpressionError(f"{self.text[start:end]}: {error}", error.place + start + 2) from None
-        self.names |= parser.names
-        self.constants += parser.constants
-        return evaluate
+        self.names |= found.names
+        self.constants += found.constants
+        return found.evaluate
 
     def parsed(self, evaluate: Evaluate) -> Parsed:
         """Return a function that fills the values in, with what it reads."""
@@ -113,7 +110,7 @@ def payload(text: str, missing: Missing) -> Parsed:
 
 def feel_payload(text: str, missing: Missing) -> Parsed:
     """As `payload`, of one FEEL expression (without its ``=``): what is null in it is as a name that is not set."""
-    evaluate, names, constants = ExpressionParser(text, FEEL).parsed()
+    evaluate, names, constants = load(LANGUAGES["feel"])(text)
     return Parsed(
         lambda variables: _without_nulls(evaluate(variables), "", partial(missing, variables)), names, constants
     )

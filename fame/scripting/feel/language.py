@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 from fame.scripting.budget import spend, weight
-from fame.scripting.data import Evaluate, fields_of, is_list, is_number, power, product, quotient
+from fame.scripting.data import Evaluate, Parsed, constant, fields_of, is_list, is_number, power, product, quotient
 from fame.scripting.feel.functions import FUNCTIONS
 from fame.scripting.feel.functions.dates import literal
 from fame.scripting.feel.syntax import (
@@ -41,7 +41,7 @@ from fame.scripting.feel.values import (
     order,
     within,
 )
-from fame.scripting.grammar import Dialect, ExpressionParser, Infix, constant, infix, numbers_first
+from fame.scripting.grammar import Dialect, ExpressionParser, Infix, infix, numbers_first
 
 OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
 """Binding powers (DMN 1.5, section 10.3.1.2); comparisons have `COMPARE`, 3."""
@@ -320,3 +320,8 @@ FEEL = Dialect(
     undefined_is_null=True,
 )
 """The language."""
+
+
+def parse_feel(text: str) -> Parsed:
+    """Return the expression. Raises ExpressionError."""
+    return ExpressionParser(text, FEEL).parsed()
