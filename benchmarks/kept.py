@@ -39,9 +39,11 @@ COMMANDS = {
         "-c",
         f"from fame.view.replay import Replay\nfrom pathlib import Path\nReplay(Path({LOG!r})).wait()",
     ),
-    "explore": ("-m", "fame", "check", "--explore", "models/convoy.bpmn"),
+    "explore": ("-m", "fame", "check", "--explore", "models/shuttle.bpmn"),
 }
-"""Commands whose processes are measured whole, in this order: the recording is that of the run before."""
+"""Commands whose processes are measured whole, in this order: the recording is that of the run before.
+
+The shuttle has as many states as it had at 1509237: others have more since uncaught errors end one instance."""
 OF_ENGINE = """
 import sys, json, time
 sys.path[:0] = ["benchmarks"]

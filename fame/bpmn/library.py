@@ -15,6 +15,7 @@ import difflib
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from importlib.resources import files
 from os.path import isdir
 from pathlib import Path
@@ -154,9 +155,7 @@ class Library:
     def _listed(self, folder: Path) -> dict[Path, frozenset[str]]:
         """The files of a folder, with the ids that their processes seem to have. It is looked through once."""
         if folder not in self._folders:
-            names = sorted(name for name in _entries(folder) if name.endswith(".bpmn") and name[0] != ".")
-            paths = (folder / name for name in names)
-            self._folders[folder] = {path: _process_ids(_content(path)) for path in paths if path.is_file()}
+            self._folders[folder] = (_built_in if folder in BUILT_IN else _ids_in)(folder)
         return self._folders[folder]
 
     def _not_found(self, caller: Definitions, name: str) -> str:
@@ -257,6 +256,16 @@ def _entries(folder: Path) -> list[str]:
         return os.listdir(folder)
     except OSError:
         return []
+
+
+def _ids_in(folder: Path) -> dict[Path, frozenset[str]]:
+    """The files of a folder, with the ids that their processes seem to have."""
+    names = sorted(name for name in _entries(folder) if name.endswith(".bpmn") and name[0] != ".")
+    return {path: _process_ids(_content(path)) for path in (folder / name for name in names) if path.is_file()}
+
+
+_built_in = cache(_ids_in)
+"""The same of a folder of FAME, whose files do not change."""
 
 
 def _content(path: Path) -> bytes:

@@ -65,12 +65,9 @@ def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[st
         return frozenset(), frozenset()
 
 
-@lru_cache(maxsize=1024)
-def syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST | None:
-    """Return the tree of a text in Python, with the lines of the file; None of an invalid one,
-    which the compiler reports.
-
-    It is shared: do not change it.
+def own_syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST | None:
+    """Return the tree of a text in Python, with the lines of the file, for the caller to change; None of an invalid
+    one, which the compiler reports.
     """
     if expression.language != "python":
         return None
@@ -78,6 +75,10 @@ def syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST | Non
         return parse_python(expression, "exec" if script else "eval")
     except ModelError:
         return None
+
+
+syntax_tree = lru_cache(maxsize=1024)(own_syntax_tree)
+"""The same, shared: do not change it."""
 
 
 def _code_of(script: Expression) -> frozenset[str]:

@@ -90,6 +90,7 @@ class Forms:
     kept      whether a variable belongs to the form; by default all that are data
     variable  (name, value) of a variable -> hashable; as `encode` by default
     constant  whether `decode` always gives the same immutable value
+    fixed     whether nothing can change what `decode` gives
     """
 
     program: Program
@@ -104,10 +105,11 @@ class Forms:
         kept: Callable[[str], bool] = lambda name: True,
         variable: Callable[[str, Any], Hashable] | None = None,
         constant: Callable[[Hashable], bool] = lambda code: False,
+        fixed: Callable[[Hashable], bool] = lambda code: False,
     ) -> None:
         self.program, self.encode, self.decode = program, encode, decode
         self.contents: Contents = Contents(
-            encode, decode, variable or (lambda name, value: encode(value)), kept, constant
+            encode, decode, variable or (lambda name, value: encode(value)), kept, constant, fixed
         )
         self.controls: list[Control] = []
         """The control states by number."""

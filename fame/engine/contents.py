@@ -40,20 +40,22 @@ class DictContent:
 
     values   the immutable values
     lists    the items of lists of immutable values, which are copied for each engine
-    mutable  codes of the other mutable values, decoded for each engine
+    others   codes of the other values, decoded for each engine
+    mutable  names of those of them that can change
     """
 
     number: int
     layout: Layout
     codes: tuple[Hashable, ...]
 
-    __slots__ = ("codes", "layout", "lists", "mutable", "number", "values")
+    __slots__ = ("codes", "layout", "lists", "mutable", "number", "others", "values")
 
     def __init__(self, number: int, layout: Layout, codes: tuple[Hashable, ...]) -> None:
         self.number, self.layout, self.codes = number, layout, codes
         self.values: dict[str, Any] = {}
         self.lists: list[tuple[str, tuple[Any, ...]]] = []
-        self.mutable: list[tuple[str, Hashable]] = []
+        self.others: list[tuple[str, Hashable]] = []
+        self.mutable: list[str] = []
 
 
 Given = tuple[dict[str, Any], DictContent, list[str], list[Any]]
@@ -75,9 +77,7 @@ def _changed(given: Given) -> list[str] | None:
         value = dict.__getitem__(variables, name)
         if name not in found and not (len(value) == len(items) and all(map(is_, value, items))):
             found.append(name)
-    if content.mutable:
-        found += [name for name, _ in content.mutable]
-    return found
+    return found + content.mutable if content.mutable else found
 
 
 class Contents:
@@ -88,6 +88,7 @@ class Contents:
     variable  (name, value) of a variable -> hashable
     kept      whether a variable belongs to the content
     constant  whether `decode` always gives the same immutable value
+    fixed     whether nothing can change what `decode` gives
     """
 
     encode: _Encode
@@ -95,6 +96,7 @@ class Contents:
     variable: Callable[[str, Any], Hashable]
     kept: Callable[[str], bool]
     constant: Callable[[Hashable], bool]
+    fixed: Callable[[Hashable], bool]
 
     def __init__(
         self,
@@ -103,8 +105,10 @@ class Contents:
         variable: Callable[[str, Any], Hashable],
         kept: Callable[[str], bool],
         constant: Callable[[Hashable], bool],
+        fixed: Callable[[Hashable], bool],
     ) -> None:
-        self.encode, self.decode, self.variable, self.kept, self.constant = encode, decode, variable, kept, constant
+        self.encode, self.decode, self.variable = encode, decode, variable
+        self.kept, self.constant, self.fixed = kept, constant, fixed
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._contents: list[DictContent] = []
         self._lists: dict[Hashable, tuple[Any, ...] | None] = {}  # code -> items, of lists of immutable values
@@ -120,7 +124,7 @@ class Contents:
         values = content.values.copy()
         for name, items in content.lists:
             values[name] = list(items)
-        for name, code in content.mutable:
+        for name, code in content.others:
             values[name] = self.decode(code)
         return values
 
@@ -221,7 +225,9 @@ class Contents:
             elif (items := self._items(code)) is not None:
                 content.lists.append((name, items))
             else:
-                content.mutable.append((name, code))
+                content.others.append((name, code))
+                if not self.fixed(code):
+                    content.mutable.append(name)
         return content
 
     def _items(self, code: Hashable) -> tuple[Any, ...] | None:

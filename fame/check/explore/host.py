@@ -410,11 +410,10 @@ class ExplorationHost:
 
     def _change(self, names: Iterable[str], variables: dict[str, Any]) -> None:
         """Make variables unknown, unless their values are known to be of a kind that cannot be changed in place."""
-        for name in names:
-            if self.kept(name) and name in variables:
-                value = variables[name]
-                if not is_unknown(value) and not is_fixed(value):
-                    variables[name] = self.values.unknown
+        for name in filter(self.kept, names):
+            value = variables.get(name)
+            if not is_unknown(value) and not is_fixed(value):
+                variables[name] = self.values.unknown
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
         running = Running(self.steps.get(operation) or self.steps.get(step_name(file, element)) or AbstractStep())

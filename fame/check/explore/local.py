@@ -112,6 +112,7 @@ class Local:
         """Whether ways were left out, because one step makes too many decisions."""
         self.steps = 0
         self._memo: dict[tuple[int, Stimulus], tuple[Successor, ...]] = {}
+        self._decisions: dict[tuple[int | None, Stimulus | None, Successor], list[tuple[str, int, int]]] = {}
         once = not self.program.starts  # else instances share a list, which the first one may change
         self._parameters: dict[str, int] = {
             name: values.number(value) if once or is_fixed(value) else UNKNOWN for name, value in parameters.items()
@@ -184,6 +185,9 @@ class Local:
 
         Without a state it is the first step, see `start`.
         """
+        key = (state, stimulus, way)
+        if key in self._decisions:  # of another run, which begins in the same way
+            return self._decisions[key]
         found: list[list[tuple[str, int, int]]] = []
 
         def keep(one: Successor, outcome: Outcome) -> None:
@@ -194,7 +198,8 @@ class Local:
             self._explored(*self._first(given), keep)
         else:
             self.step_by_engine(state, stimulus, keep)
-        return found[0] if found else []
+        decisions = self._decisions[key] = found[0] if found else []
+        return decisions
 
     def _first(self, given: Data | None) -> tuple[Callable[[], Engine], Callable[[Engine], object]]:
         """The first step: what makes the engine, and what starts it."""
@@ -227,8 +232,9 @@ class Local:
         new_variables = self._watched_variables if watched else self.host.new_variables
         engine = self.forms.revived(form, host, new_variables, moves=MOST_MOVES)
         self.host.timers = {key: Timer(group, offset, period) for key, group, offset, period in timers}
-        self._with_parameters(engine)
-        self._watched = None
+        if self.program.starts:  # further instances may begin
+            self._with_parameters(engine)
+        self.host.engine, self._watched = engine, None
         if watched:
             for instance in engine.instances.values():
                 assert isinstance(instance.root_variables, Watched)

@@ -10,13 +10,12 @@ from __future__ import annotations
 import ast
 import math
 import re
-from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from fame.bpmn.model import Expression
-from fame.check.expressions import syntax_tree
+from fame.check.expressions import own_syntax_tree, syntax_tree
 from fame.scripting.analysis import script_topics
 from fame.scripting.python import parse_python
 
@@ -214,7 +213,7 @@ def is_certain(script: Expression, topic: str) -> bool:
 
     It does if a statement outside of blocks, which nothing but an error can leave out, publishes in any case.
     """
-    statements = [one for one in getattr(deepcopy(syntax_tree(script)), "body", ()) if isinstance(one, ast.Expr)]
+    statements = [one for one in getattr(own_syntax_tree(script), "body", ()) if isinstance(one, ast.Expr)]
     always = "\n".join(ast.unparse(_AlwaysEvaluated().visit(one)) for one in statements)
     found = script_topics(replace(script, text=always))
     return any(one.direction == "publish" and one.qualified == topic for one in found)

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Set
-from copy import deepcopy
 from functools import lru_cache
 
 from fame.bpmn.model import Expression
 from fame.check.explore.purity import CHANGING_METHODS, READING_METHODS
-from fame.check.expressions import names_of, syntax_tree
+from fame.check.expressions import names_of, own_syntax_tree, syntax_tree
 from fame.errors import FameError
 from fame.scripting import code_names
 from fame.scripting.analysis import identifiers_of
@@ -273,7 +272,7 @@ def _appended_to(node: ast.AST) -> ast.Name | None:
 
 def without_items(script: Expression, counted: frozenset[str]) -> Expression:
     """Return the script with ``x.append(None)`` for lists of which only the length is read."""
-    tree = deepcopy(syntax_tree(script)) if "append" in script.text else None
+    tree = own_syntax_tree(script) if "append" in script.text else None
     if tree is None:
         return script
     changed = False

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Set
-from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
 
 from fame.bpmn.model import Expression
 from fame.check.explore.purity import CHANGING_METHODS, READING_METHODS
 from fame.check.explore.script_effects import changes_parts, may_change, script_writes
-from fame.check.expressions import names_of, syntax_tree
+from fame.check.expressions import names_of, own_syntax_tree, syntax_tree
 
 Dependency = tuple[frozenset[str], frozenset[str]]
 """(reads, writes): what is written depends on what is read."""
@@ -134,7 +133,7 @@ def _is_of_numbers(function: ast.expr) -> bool:
 
 def without_operations(script: Expression, unknown: Set[str]) -> Expression:
     """Return the script with a variable that is certainly unknown in the place of each expression that it makes so."""
-    tree = deepcopy(_tree(script)) if unknown else None
+    tree = own_syntax_tree(script) if unknown else None
     changed = False
     for node in ast.walk(tree) if tree is not None else ():
         if isinstance(node, ast.Assign):

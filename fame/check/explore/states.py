@@ -50,7 +50,9 @@ class States:
         self.grown: set[tuple[str, str]] = set()
         self.widened: set[str] = set()
         self.values = values = host.values
-        self.forms: Forms = Forms(program, values.number, values.value, host.kept, self.variable, values.is_constant)
+        self.forms: Forms = Forms(
+            program, values.number, values.value, host.kept, self.variable, values.is_constant, values.is_fixed
+        )
         self._outside, self._liveness = outside, liveness
         self._numbers: dict[LocalState, int] = {}
         self._views: dict[tuple[int, Timers], View] = {}

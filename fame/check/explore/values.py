@@ -143,6 +143,7 @@ class Values:
         self._made: list[tuple[str, Any]] = [("unknown", None)]
         self._constants: dict[int, Any] = {}  # values that nothing can change
         self._places: dict[int, int] = {}  # their numbers by id
+        self._fixed: set[int] = {UNKNOWN}  # other values that nothing can change, but that are made anew
 
     @property
     def unknown(self) -> Unknown:
@@ -205,8 +206,10 @@ class Values:
         if number is None:
             number = self._add(key, name, content if "/" not in name else (kind, content))
             fixed = kind is tuple or "/" in name  # messages are never changed
-            if fixed and all(part in self._constants for part in content):
+            if fixed and all(map(self.is_constant, content)):
                 self._keep(number, self.value(number))
+            elif fixed and all(map(self.is_fixed, content)):
+                self._fixed.add(number)
         return number
 
     def _add(self, key: Any, name: str, content: Any) -> int:
@@ -224,6 +227,10 @@ class Values:
     def is_constant(self, number: Any) -> bool:
         """Return whether the value of a number is always the same one, since nothing can change it."""
         return number in self._constants
+
+    def is_fixed(self, number: Any) -> bool:
+        """Return whether nothing can change an object with the value of a number: parts of it may be unknown."""
+        return number in self._constants or number in self._fixed
 
     def value(self, number: int) -> Any:
         """Return the value of a number, made anew if it can be changed."""
