@@ -67,6 +67,7 @@ def run_status(arguments: Namespace) -> int:
     from fame.clock import SECOND
     from fame.deploy import engines
     from fame.deploy.status import HEARTBEAT
+    from fame.version import current as version
 
     trusted = trusted_keys(arguments)
     with connected(arguments) as (scheduler, middleware):
@@ -79,7 +80,7 @@ def run_status(arguments: Namespace) -> int:
         raise DeploymentError("no engine was found")
     if arguments.json:
         states = {name: asdict(report) for name, report in sorted(reports.items())}
-        print_json({"robots": states, "silent": silent, "rivals": sorted(rivals)})
+        print_json({"fame": version(), "robots": states, "silent": silent, "rivals": sorted(rivals)})
     else:
         lines = {name: list(rows(name, report)) for name, report in reports.items()}
         lines |= {name: [(name, "silent", "", "", "", f"{s:.0f} s", "", "")] for name, s in silent.items()}
@@ -87,6 +88,7 @@ def run_status(arguments: Namespace) -> int:
             text = f"warning: two engines have this name; end fame engine {name} on one computer"
             lines.setdefault(name, []).append(("", "", "", "", "", "", text, ""))
         print(table(HEADS, [row for name in sorted(lines) for row in lines[name]]))
+        print(f"\nhere is FAME {version()}; fame doctor compares the robots with it")
     return 0
 
 
