@@ -143,7 +143,7 @@ def _fill(made: Path, name: str, example: str, home: Path) -> None:
             workflow = made / ".github" / "workflows" / "mission.yml"
             workflow.write_text(workflow.read_text("utf-8").replace("[sim,test]", "[sim,ml,test]"), "utf-8")
         for path in needed:
-            target = made / path.relative_to(home.parent)
+            target = made / str(path.relative_to(home.parent)).replace("models/monitoring/", "models/", 1)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
         text = text.replace("[mission.yaml]", f"[{scenario}]").replace("[tests]", "[examples/tests]")
@@ -170,13 +170,11 @@ def _needed(scenario: Path) -> set[Path]:
 
 
 def _named(path: Path, root: Path) -> Iterator[Path]:
-    """The files of FAME that the text of a file names, and those of the processes that it calls."""
+    """The files of FAME that the text of a file names, those of the processes that it calls, and the configurations of
+    the built-in ones, to be changed."""
     if path.suffix not in (".bpmn", ".yaml", ".py"):
         return
-    for word in _NAMED.findall(path.read_text(encoding="utf-8")):
-        named = Path(os.path.normpath((root if path.suffix == ".py" else path.parent) / word))
-        if named.is_file() and named.is_relative_to(root):
-            yield named
+    yield from _in_text(path, root)
     if path.suffix == ".bpmn":
         from fame.bpmn.library import BUILT_IN, Library
         from fame.bpmn.reader import read
@@ -184,5 +182,17 @@ def _named(path: Path, root: Path) -> Iterator[Path]:
         definitions = read(path)
         for process in definitions.processes:
             for home, _ in Library().closure(definitions, process):
-                if home.path is not None and home.path.parent not in BUILT_IN:
+                if home.path is None:
+                    continue
+                if home.path.parent in BUILT_IN:
+                    yield from (named for named in _in_text(home.path, root) if named.suffix == ".yaml")
+                else:
                     yield home.path
+
+
+def _in_text(path: Path, root: Path) -> Iterator[Path]:
+    """The files of FAME that the text of a file names."""
+    for word in _NAMED.findall(path.read_text(encoding="utf-8")):
+        named = Path(os.path.normpath((root if path.suffix == ".py" else path.parent) / word))
+        if named.is_file() and named.is_relative_to(root):
+            yield named
