@@ -194,6 +194,10 @@ def fastdds() -> list[str]:
     ]
 
 
+def pages() -> list[str]:
+    return ["bash", "-c", f".ci/pages --environments && exec {' '.join(map(quoted, on_loopback(['.ci/pages'])))}"]
+
+
 def quoted(word: str) -> str:
     return "'" + word.replace("'", "'\\''") + "'"
 
@@ -212,6 +216,7 @@ STAGES: dict[str, Stage] = {
     "test-node": Stage(lambda: make("test-node"), no_node),
     "versions": Stage(lambda: [".venv/bin/python", ".ci/versions.py"]),
     "wheel": Stage(lambda: [".ci/wheel"]),
+    "pages": Stage(pages),
     "kept": Stage(lambda: [".venv/bin/python", "benchmarks/kept.py"], no_release),
     "python-3.12": other_python("3.12"),
     "python-3.13": other_python("3.13"),
@@ -236,6 +241,7 @@ ROTATING = (
     "attack-3",
     "attack-4",
     "wheel",
+    "pages",
     "python-3.12",
     "python-3.13",
     "python-3.14",
@@ -247,6 +253,7 @@ CHANGED = (
     ("ros", ("fame/middleware/ros/*", "launch/*", "package.xml", "CMakeLists.txt")),
     ("fastdds", ("fame/middleware/dds/*",)),
     ("wheel", ("pyproject.toml", ".ci/wheel", "fame/cli/new*", "fame/project*")),
+    ("pages", ("README.md", "docs/tutorial*.md", "docs/cookbook.md", "examples/*", "fame/imports.py", ".ci/pages")),
     ("python-3.14", ("fame/scripting/*",)),
     ("attack-1", ("fame/deploy/*", "fame/middleware/*")),
     ("kept", tuple(f"fame/{room}/*" for room in ("engine", "robot", "scripting", "log", "scenario"))),

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
-import signal
-import subprocess
-import sys
-from functools import cache, partial
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
-from domains import DOMAIN
 
 from fame import cli
+from fame.cli import GROUPS
 from sim2d.robot import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
+DOCS = sorted((ROOT / "docs").glob("*.md"))
 parser = cache(cli.parser)
 
 
@@ -52,6 +50,33 @@ def test_the_commands_of_a_page_exist_and_so_do_their_files(page: Path) -> None:
     assert {name for name in files if not (ROOT / name).is_file()} == set()
 
 
+TEAM = (*GROUPS["team"], "team", "topic", "param")
+EXTRA_OF = {"campaign": "campaign", "test": "test", "view": "view", "router": "zenoh", "keys": "dds", "demo": "sim"}
+
+
+def extras_needed(words: list[str]) -> Iterator[str]:
+    """The extras without which a command cannot do what a page says."""
+    name, part = words[1], words[2] if len(words) > 2 else ""
+    if (name in TEAM and name not in EXTRA_OF) or (name, part) in {("log", "record"), ("monitor", "record")}:
+        chosen = words[words.index("--middleware") + 1] if "--middleware" in words else "dds"
+        yield from () if chosen == "ros" else (chosen,)
+    if name == "monitor" and part in ("train", "judge", "model", "adm"):
+        yield "ml"
+    if name in ("run", "draw", "world", "campaign") and not any(word.endswith(".bpmn") for word in words):
+        yield "sim"
+    if name in EXTRA_OF:
+        yield EXTRA_OF[name]
+    if "--metrics" in words:
+        yield "metrics"
+
+
+@pytest.mark.parametrize("page", ["README.md", "examples/README.md", *(f"docs/{path.name}" for path in DOCS)])
+def test_a_page_names_the_extras_that_its_commands_need(page: str) -> None:
+    named = {extra for each in re.findall(r"\[([a-z,]+)\]'", read(page)) for extra in each.split(",")}
+    needed = {extra for command in commands(read(page)) for extra in extras_needed(shlex.split(command))}
+    assert needed - named - ({"dds"} if "zenoh" in named else set()) == set()
+
+
 LOOKED_UP = ("check_warnings.md", "semantics_tables.md")
 """Pages of tables: nobody reads them from top to bottom."""
 
@@ -82,51 +107,6 @@ def test_the_tree_of_errors_is_that_of_the_code() -> None:
     assert tree.splitlines() == [
         line[4:] for line in (fame.errors.__doc__ or "").split("::\n\n")[1].partition("\n\n")[0].splitlines()
     ]
-
-
-@pytest.mark.processes
-def test_the_walk_of_learned_models_works_as_written(tmp_path: Path) -> None:
-    """From the folder of FAME; fewer runs, a shorter training, and another folder `monitor`."""
-    pytest.importorskip("cyclonedds")
-    pytest.importorskip("skops")
-    (block,) = blocks("docs/tutorial_monitor.md", "sh")
-    text = re.sub(r" +#.*", "", block).replace("in 1 2 3 4 5 6 7 8 9 10;", "in 1 2;")
-    lines = [re.sub(r"(?<= )monitor(?=/|$)", str(tmp_path / "monitor"), line) for line in text.splitlines()]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROS_DOMAIN_ID": str(DOMAIN)}
-    environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    begin = partial(subprocess.Popen, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
-    begun = []
-    try:
-        for line in lines[:2]:
-            begun.append(begin(shlex.split(line)))
-            assert begun[-1].stderr is not None
-            assert begun[-1].stderr.readline().endswith("; Ctrl-C ends it\n")
-        copy, *others = lines[2:-1]
-        quick = f"echo '  Epochs: 5' >> {tmp_path}/monitor/autoencoders.yaml"
-        script = ["sh", "-e", "-c", "\n".join([copy, quick, *others])]
-        done = subprocess.run(
-            script, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        assert "failed" not in done.stderr
-        assert done.stdout.count(" rows, 1 run") == 2
-        begun.append(begin(shlex.split(lines[-1])))
-        assert begun[-1].stderr is not None
-        started = [begun[-1].stderr.readline() for _ in range(4)]
-        assert [line.partition(":")[0] for line in started] == [
-            "low_pass",
-            "autoencoders",
-            "loss_low_pass",
-            "threshold",
-        ]
-        for process in reversed(begun):
-            assert process.poll() is None
-            process.send_signal(signal.SIGINT)
-            assert process.wait(timeout=20) in (0, 130)  # 130: it had not begun to listen
-    finally:
-        for process in begun:
-            process.kill()
-            process.communicate()
 
 
 def test_the_mission_that_the_tutorial_draws_completes(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("page", nargs="?", default="index", metavar="PAGE", help="a page, as semantics (the first one)")
     parser.add_argument("--no-open", action="store_true", help="print the address only")
-    parser.add_argument("--text", action="store_true", help="print the page (Markdown); so does a FAME without the site")
+    parser.add_argument("--text", action="store_true", help="print the page, as a FAME without the site does")
 
 
 def run(arguments: Namespace) -> int:
