@@ -43,6 +43,23 @@ EXTRAS = {
     "zenoh": (_ZENOH, "zenoh"),
 }
 """By package outside of the base installation: what needs it, and the extra that installs it."""
+PURPOSES = {
+    "sim": "worlds, robots, pictures and films: fame run, draw",
+    "test": "tests of missions: fame test",
+    "view": "the page: fame view",
+    "dds": "teams over DDS, the wire of ROS 2; keys: fame engine, deploy, keys",
+    "zenoh": "teams over Zenoh, also beyond one network: --middleware zenoh",
+    "js": "scripts and conditions in JavaScript",
+    "ml": "learned monitors: fame monitor train, judge, adm",
+    "onnx": "monitors as ONNX files",
+    "campaign": "many runs, with statistics: fame campaign",
+    "dask": "campaigns on a cluster of Dask",
+    "ray": "campaigns on a cluster of Ray",
+    "metrics": "numbers of an engine for Prometheus: --metrics",
+    "pandas": "events as a table in Python",
+    "parquet": "Parquet files of campaigns and monitors",
+}
+"""What each extra is for; README has the same table."""
 BASE = {**{name: name for name in ("lxml", "mcap", "numpy", "orjson", "rosbags")}, "yaml": "pyyaml"}
 """The packages of the base installation, by module: a workspace of ROS that colcon built alone may lack some."""
 

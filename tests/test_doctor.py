@@ -15,12 +15,14 @@ from unittest.mock import Mock
 import pytest
 from domains import PROCESSES
 
-from fame.cli import doctor, main
+from fame.cli import doctor, installation, main
 from fame.cli.doctor import Finding
 from fame.cli.network import interface_of
+from fame.clock import Scheduler
 from fame.deploy import Report
 from fame.deploy.signing import Identity, new_identity, read_identity, read_private
 from fame.log.clocks import ClockAnswer
+from fame.middleware.local import LocalMiddleware
 from fame.version import current as fame_version
 
 MESSAGE = "float64 x\n"
@@ -115,6 +117,27 @@ def test_a_middleware_that_is_not_installed_or_not_that_of_ros_is_told(monkeypat
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")
     *_, last = doctor.packages("dds")
     assert (last.verdict, last.mend) == ("warning", "--middleware zenoh")
+
+
+def test_memory_that_processes_cannot_share_or_that_is_small_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert installation.shared_memory(str(tmp_path / "none")).verdict == "wrong"
+    for free, verdict in ((1e9, "ok"), (1e6, "warning")):
+        monkeypatch.setattr("shutil.disk_usage", lambda folder, free=free: Mock(free=free))
+        assert installation.shared_memory(str(tmp_path)).verdict == verdict
+
+
+def test_a_port_of_the_router_that_is_taken_is_told() -> None:
+    with socket.create_server(("", 0)) as taken:
+        assert "is taken" in installation.router_port(taken.getsockname()[1]).text
+
+
+def test_a_message_between_two_participants_arrives_or_loopback_is_wrong() -> None:
+    scheduler = Scheduler()
+    one, other = LocalMiddleware(scheduler), LocalMiddleware(scheduler)
+    assert installation.loopback(scheduler, one, one).verdict == "ok"
+    assert installation.loopback(scheduler, one, other).verdict == "wrong"
 
 
 def test_keys_types_and_folders_are_tried(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import pytest
 
 import fame
 from fame import imports
+from fame.cli import installation
 
 ROOT = Path(__file__).parent.parent
 LAZY = [path for path in ROOT.glob("fame/**/__init__.py") if "attach(" in path.read_text(encoding="utf-8")]
@@ -55,6 +56,20 @@ def test_every_extra_that_is_named_anywhere_exists() -> None:
             named.update(text.split(","))
     assert {"sim", "dds", "ray", "view"} <= named
     assert named - EXTRAS.keys() == set()
+
+
+def test_readme_and_doctor_say_of_each_extra_what_it_is_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = re.findall(r"^\| `(\w+)` \| (.*) \|$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
+    assert {extra: text.replace("`", "") for extra, text in table} == imports.PURPOSES
+    assert EXTRAS.keys() - imports.PURPOSES.keys() == {"all", "bench", "dev", "docs"}
+    monkeypatch.setattr(installation, "version", {"joblib": "1", "scipy": "2"}.get)
+    found = {one.check: one for one in installation.extras()}
+    assert found.keys() == imports.PURPOSES.keys()
+    assert found["campaign"].verdict == "absent"
+    assert found["campaign"].text.endswith(": matplotlib not installed")
+    assert found["campaign"].mend == "pip install 'fame-robots[campaign]'"
+    monkeypatch.setattr(installation, "version", lambda name: "1")
+    assert {one.verdict for one in installation.extras()} == {"ok"}
 
 
 def test_a_name_that_a_package_does_not_have_is_an_attribute_error() -> None:

@@ -8,12 +8,13 @@ import shutil
 import subprocess
 from argparse import Namespace
 from collections.abc import Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from functools import partial
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 from fame.cli.arguments import (
     Commands,
@@ -26,10 +27,12 @@ from fame.cli.arguments import (
     private_key,
     trusted_keys,
 )
+from fame.cli.installation import Finding, extras, loopback, router_port, shared_memory
 from fame.cli.network import add_network, connected, interface_of, wait_until
 from fame.cli.output import note, print_json
 from fame.cli.robots import subscribe_reports
 from fame.errors import NOT_KNOWN, ConfigError, FameError, UnavailableError
+from fame.rooms import install
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -38,8 +41,7 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
 
 PACKAGES = {"dds": "cyclonedds", "zenoh": "eclipse-zenoh", "ros": "rclpy"}
-_MEND_PACKAGE = {"dds": "pip install 'fame-robots[dds]'", "zenoh": "pip install 'fame-robots[zenoh]'",
-                 "ros": "source /opt/ros/jazzy/setup.bash"}  # fmt: skip
+_MEND_PACKAGE = {"dds": install("dds"), "zenoh": install("zenoh"), "ros": "source /opt/ros/jazzy/setup.bash"}
 _BUFFER = 2_097_152
 """Bytes that the kernel should keep of what DDS receives: messages above 64 kB come in many packets at once."""
 _FREE = 100_000_000
@@ -53,15 +55,6 @@ _RECEIVED = Path("/proc/sys/net/core/rmem_max")
 _LOOPBACK, _MULTICAST = 0x8, 0x1000  # IFF_LOOPBACK, IFF_MULTICAST of <linux/if.h>
 
 
-class Finding(NamedTuple):
-    """What a look at something found, and what mends it."""
-
-    check: str
-    verdict: Literal["ok", "warning", "wrong", "not known"]
-    text: str
-    mend: str = ""
-
-
 def add(commands: Commands) -> None:
     parser = command(
         commands, "doctor", run,
@@ -70,8 +63,9 @@ def add(commands: Commands) -> None:
             "fame doctor REX DINGO --network wlan0 --trust team.pub",
             "fame doctor --middleware zenoh --router 10.0.0.7 --state /var/lib/fame/REX --json",
         ),
-        help="look at this machine and its team: packages, clock, network, keys, types, folders, the time to robots, "
-        "each with what mends it; exit code 1 if something is wrong, otherwise 3 if something is not known",
+        help="look at this installation (packages and what each is for, shared memory, loopback) and its team (clock, "
+        "network, keys, types, folders, the time to robots), each with "
+        "what mends it; exit code 1 if something is wrong, otherwise 3 if something is not known",
     )  # fmt: skip
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="robots that have to be there")
     parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to look for robots (5 s)")
@@ -101,7 +95,12 @@ def run(arguments: Namespace) -> int:
 
 def examine(arguments: Namespace) -> Iterator[Finding]:
     """Yield the findings about this machine, then about the team."""
-    yield from packages(arguments.middleware)
+    alone = arguments.network is None and not arguments.robots
+    yield from packages(arguments.middleware, needed=not alone)
+    if alone:
+        yield from extras()
+        yield shared_memory()
+        yield router_port()
     yield clock()
     of_network = list(network(arguments))
     yield from of_network
@@ -113,8 +112,13 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
     if any(finding.verdict == "wrong" for finding in of_keys):
         yield Finding("robots", "not known", "not asked, as the keys are wrong")
         return
+    from fame.scenario import connect
+
     try:
         with connected(arguments) as (scheduler, middleware):
+            if alone:
+                with closing(connect(arguments.middleware, scheduler, arguments.network)) as other:
+                    yield loopback(scheduler, middleware, other)
             yield from _Team(arguments, scheduler, middleware).findings()
     except FameError as error:
         if not isinstance(error, UnavailableError) and all(finding.verdict == "ok" for finding in of_network):
@@ -125,7 +129,7 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
 # ---- this machine ----------------------------------------------------------------------------------------------------
 
 
-def packages(backend: str) -> Iterator[Finding]:
+def packages(backend: str, *, needed: bool = True) -> Iterator[Finding]:
     """Yield whether the middleware is installed, and is that of ROS 2's nodes here."""
     from fame.version import current as fame_version
 
@@ -137,7 +141,8 @@ def packages(backend: str) -> Iterator[Finding]:
     try:
         yield Finding("middleware", "ok", f"{backend}: {name} {metadata.version(name)}")
     except metadata.PackageNotFoundError:
-        yield Finding("middleware", "wrong", f"{backend}: {name} is not installed here", _MEND_PACKAGE[backend])
+        verdict: Literal["wrong", "absent"] = "wrong" if needed else "absent"
+        yield Finding("middleware", verdict, f"{backend}: {name} is not installed here", _MEND_PACKAGE[backend])
     chosen = os.environ.get("RMW_IMPLEMENTATION", "")
     if backend != "ros" and chosen and ("zenoh" in chosen) != (backend == "zenoh"):
         other = "zenoh" if "zenoh" in chosen else "dds"
@@ -289,6 +294,7 @@ class _Team:
         for robot in robots:
             yield from self._robot(robot)
         nodes = {name for info in self._middleware.graph() for name in (*info.publishers, *info.subscribers)}
+        nodes = {name for name in nodes if "_fame_doctor" not in name}
         mend = "fame engine NAME there; the same middleware, domain and network; no firewall between"
         for robot in sorted(wanted - set(robots)):
             yield Finding(robot, "wrong", f"no engine of this name was found within {self._arguments.wait:g} s", mend)
