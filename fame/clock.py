@@ -108,6 +108,7 @@ class Scheduler:
         self._cancelled = 0
         self._running = False
         self._stopping = False
+        self.on_no_memory: Callable[[], object] | None = None
 
     def __len__(self) -> int:
         """The number of waiting entries, including cancelled ones that have not been removed yet."""
@@ -160,16 +161,28 @@ class Scheduler:
         """Run actions until `until` (ns, inclusive; then `now` is `until`), until none is left, or until `stop`.
 
         An exception of an action ends the run and goes to the caller; the queue stays intact, and `run` may be called
-        again.
+        again. After a MemoryError `on_no_memory` is called, if it is set, and the run goes on.
         """
         if self._running:
             raise RuntimeError("the scheduler runs already: an entry has to end before the next begins")
         self._running = True
         try:
-            self._work(until)
+            while self._runs_out_of_memory(until):
+                pass
         finally:
             # Cleared here and not at the beginning: a `stop` by another thread just before `run` must count.
             self._running = self._stopping = False
+
+    def _runs_out_of_memory(self, until: int | None) -> bool:
+        try:
+            self._work(until)
+        except MemoryError:
+            if self.on_no_memory is None:
+                raise
+        else:
+            return False
+        self.on_no_memory()  # when the frames of the error, and what they hold, are gone
+        return True
 
     def _work(self, until: int | None) -> None:
         heap, fifo = self._heap, self._fifo

@@ -294,6 +294,15 @@ def test_a_bug_with_json_is_one_object_too(capsys) -> None:
     assert (told["status"], told["error"]["class"]) == ("error", "Broken")
 
 
+def test_a_command_without_memory_is_no_bug(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    def run(arguments: object) -> int:
+        raise MemoryError
+
+    monkeypatch.setattr(run_command, "run", run)
+    assert main(["run", "x.yaml"]) == 1
+    assert capsys.readouterr().err == "fame: error: no memory is left\n"
+
+
 def test_an_interruption_of_which_a_library_made_another_error_is_one(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     def import_numpy(arguments: object) -> int:
         try:

@@ -20,8 +20,9 @@ from fame.clock import EPOCH, SECOND
 from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.options import DeploymentOptions
-from fame.deploy.requests import AbortClient, TaskRequest
+from fame.deploy.requests import AbortClient, TaskClient, TaskRequest
 from fame.deploy.sender import Sender
+from fame.engine import Engine
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.simulated_time import ClockFollower
@@ -377,6 +378,94 @@ def test_a_directory_that_is_removed_holds_the_mission_until_it_is_made_again(fi
     field.start()
     field.pass_time(1)
     assert (field.engine.deployed, field.engine.running.instances[0].waiting) == ("d1", ["u"])
+
+
+def test_a_value_for_whose_text_there_is_no_room_holds_the_mission(
+    field: Durable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With less, the library that writes the text would end the process."""
+    field.deploy(MISSION)
+
+    def full(size: int) -> None:
+        raise MemoryError(size)
+
+    monkeypatch.setattr("fame.robot.state_tables._LARGE", 9)
+    monkeypatch.setattr("fame.robot.state_tables.bytearray", full, raising=False)
+    field.engine.running.set_variables({"count": [2, 2]})
+    field.pass_time(2)
+    assert field.engine.state == "suspended"
+    assert "holds: its state cannot be written: no memory is left" in field.notes
+    monkeypatch.undo()
+    field.pass_time(2)
+    assert field.engine.state == "running"
+
+
+def no_memory(engine: Engine) -> None:
+    """Instead of `Engine.run`: lose the tokens that were to move."""
+    if engine.ready:
+        engine.ready.clear()
+        raise MemoryError
+
+
+def publish_go(field: Durable) -> None:
+    field.person.publisher("/go", "std_msgs/msg/Empty").publish(messages.create("std_msgs/msg/Empty"))
+    field.pass_time(0.5)
+
+
+def test_a_step_without_memory_is_held_and_the_mission_goes_on_from_its_last_record(
+    field: Durable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field.deploy(MISSION)
+    monkeypatch.setattr(Engine, "run", no_memory)
+    monkeypatch.setattr("fame.deploy.engine_node._RESERVE", 2**62)
+    publish_go(field)
+    field.pass_time(3)
+    assert (field.engine.state, field.said[-1].error, field.notes[-1]) == (
+        "suspended",
+        "no memory is left",
+        "holds: no memory is left",
+    )
+    monkeypatch.undo()
+    field.pass_time(2)
+    assert (field.engine.state, field.said[-1].error, field.notes[-1]) == ("running", "", "continues its mission")
+    assert (field.variables("A")["count"], field.engine.running.instances[0].waiting) == (1, ["c"])
+    publish_go(field)
+    assert field.engine.running.instances[0].waiting == ["u"]
+    end_engine(field, in_order=False)
+    assert field.engine.running.instances[0].waiting == ["u"]
+
+
+def test_without_a_state_a_step_without_memory_suspends_the_mission_until_a_deployment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    field = Field("A")
+    field.deploy(MISSION)
+    with monkeypatch.context() as patched:
+        patched.setattr(Engine, "run", no_memory)
+        publish_go(field)  # type: ignore[arg-type]
+    field.pass_time(3)
+    text = "no memory was left in a step of its mission, which may be half done; deploy again"
+    assert (field.engines["A"].state, field.said[-1].error) == ("suspended", text)
+    field.deploy(MISSION, "d2", 2)
+    assert (field.engines["A"].state, field.variables("A")["count"]) == ("running", 1)
+
+
+def test_a_request_that_finds_no_memory_is_refused_and_not_half_done(
+    field: Durable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field.deploy(MISSION)
+    publish_go(field)
+    answered: list[Any] = []
+    asked = TaskRequest(id="r", element="u")
+    with monkeypatch.context() as patched:
+        patched.setattr(Engine, "run", no_memory)
+        client = TaskClient("A", asked, node=field.person, scheduler=field.scheduler, answered=answered.append)
+        field.pass_time(3)
+        client.close()
+    field.pass_time(2)
+    said = [(report.answer, report.reason) for report in answered]
+    assert said == [("refused", "no memory is left, and its mission is held")]
+    assert field.engine.running.instances[0].waiting == ["u"]
 
 
 def test_what_does_not_reach_the_disk_at_the_end_is_reported(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -132,6 +132,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _report(
                 FameError(f"{error.filename or 'input or output'}: {error.strerror or error}"), error, given, 2
             )
+        except MemoryError as error:
+            return _report(FameError("no memory is left"), error, given, 1)
         except Exception as error:
             if interrupts:
                 return _report(FameError("interrupted"), error, given, _INTERRUPTED)

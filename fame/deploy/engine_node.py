@@ -81,8 +81,10 @@ if TYPE_CHECKING:
     from fame.robot import RobotNode
     from fame.robot.live import LiveFeed
 
-_DEPLOYMENT, _PROMISE, _DISK = "deployment", "promise", "disk"
+_DEPLOYMENT, _PROMISE, _DISK, _MEMORY = "deployment", "promise", "disk", "memory"
 """Why a mission is suspended: for `RobotNode.hold`."""
+_RESERVE = 16_000_000
+"""Memory that is kept for the moment in which no other is left, and is to be there before a mission goes on (bytes)."""
 _END_PERIOD = SECOND // 10
 """Least time between two reports because of instances that have ended (ns)."""
 
@@ -130,7 +132,9 @@ class EngineNode:
         if options.state is not None:
             self._keeper = StateKeeper(options.state, robot, scheduler, self._on_disk_trouble, options.wall_time)
         self._trouble = ""  # why the state cannot be written
-        self._lost_promise = ""  # why it is not known whether its team has started something newer
+        self._unsure = ""  # why its mission stays suspended until a new deployment
+        self._reserve, self._no_memory = bytearray(_RESERVE), ""
+        self._memory_check: Entry | None = None
         self._resumed: ResumedMission | None = None
         self._protocol: ProtocolMachine[RobotDeployment, RobotEvent, RobotAction] = ProtocolMachine(
             RobotDeployment(robot, born=self.born), step, self._perform
@@ -141,6 +145,7 @@ class EngineNode:
         self._stopped = False
         self._feed: LiveFeed | None = None
         self._open_endpoints((options.identity or Identity.new()) if options.trusted else None)
+        scheduler.on_no_memory = self._on_no_memory
 
     def _random(self, seed: int) -> Random:
         """The random numbers of what the robot runs from now on."""
@@ -223,7 +228,7 @@ class EngineNode:
     @property
     def _why_suspended(self) -> str:
         """Why the mission does not go on by itself, or nothing."""
-        return f"its state cannot be written: {self._trouble}" if self._trouble else self._lost_promise
+        return f"its state cannot be written: {self._trouble}" if self._trouble else self._no_memory or self._unsure
 
     @property
     def deployed(self) -> str:
@@ -317,6 +322,8 @@ class EngineNode:
         signer = self._verifier.verify_task(request)
         if request.act == "take_over" and self._protocol.state.candidate is not None:
             raise DeploymentError("a deployment is under way: nobody takes the robot over", cause="deployment")
+        if self._no_memory:
+            raise DeploymentError(f"{self._no_memory}, and its mission is held", cause="error")
         if request.act not in ("suspend", "note"):  # whoever stops a robot may do so at any time
             self._refuse_promised()
         if request.act in ("continue", "fail") and not self._is_active:
@@ -457,8 +464,8 @@ class EngineNode:
         self._close_running("suspended" if migrates else "terminated")
         self.running = None
         start = partial(self._start, candidate, go_on, migrates)
+        self._trouble = self._unsure = ""
         if self._keeper is not None:
-            self._trouble = self._lost_promise = ""
             self._keeper.begin(candidate.envelope, candidate.process, start, timers)
         else:
             start()
@@ -510,6 +517,8 @@ class EngineNode:
         text = f"migrated from model {before[:12]} to {envelope.hash[:12]} by {self._verifier.sender(envelope)}{forced}"
         try:
             return migrate_robot(candidate.process, self.running, envelope.plan, text)
+        except MemoryError:
+            raise
         except Exception as error:  # as somebody has moved a token since it was found to fit: others have started
             self._anew = f"starts from the beginning: {error}"
             return candidate.process.start, None
@@ -615,7 +624,7 @@ class EngineNode:
         self._suspend_inactive(process)
 
     def _on_resumed(self) -> None:
-        if self._lost_promise and self.running is not None:  # others may run what it cannot read any more
+        if self._unsure and self.running is not None:  # others may run what it cannot read any more
             self.running.hold(_PROMISE)
         else:
             self._note("continues its mission")
@@ -632,8 +641,8 @@ class EngineNode:
         assert self._keeper is not None
         envelopes, lost = self._keeper.promised(self._trusted)
         if lost:  # others of its team are told that it does not know
-            self._lost_promise = f"what it had promised to start is lost: {lost}; deploy again"
-            self._note(self._lost_promise)
+            self._unsure = f"what it had promised to start is lost: {lost}; deploy again"
+            self._note(self._unsure)
         runs = self._protocol.state.running
         if runs is not None:
             self._keeper.forget_promises(runs.order)
@@ -649,6 +658,41 @@ class EngineNode:
         )
         if running is not None:
             self.scheduler.soon(partial(running.hold if reason else running.release, _DISK), Kind.RESUMPTION)
+
+    # ---- no memory -------------------------------------------------------------------------------------------------
+
+    def _on_no_memory(self) -> None:
+        """Hold the mission: a step of it may be half done. With a state on the disk it goes on from its last record."""
+        self._reserve = bytearray()
+        if self._stopped:
+            return
+        self._no_memory = "no memory is left"
+        if self._memory_check is not None:
+            self._memory_check.cancel()
+        self._memory_check = self.scheduler.after(SECOND, self._check_memory, Kind.TIMER)
+        running = self.running
+        if self._keeper is not None:
+            self._keeper.drop()
+            self._trouble = ""
+            self._close_running("suspended")
+            self.running = None
+        elif running is not None and _MEMORY not in running.holds:
+            self._unsure = "no memory was left in a step of its mission, which may be half done; deploy again"
+            running.hold(_MEMORY)
+        if running is not None:
+            self._note("holds: no memory is left")
+
+    def _check_memory(self) -> None:
+        """Go on, if there is memory again. Raises MemoryError, and ConfigError as `_resume`."""
+        self._reserve = bytearray(_RESERVE)
+        self._discard()
+        self._close_candidate()
+        old = self._protocol.state
+        self._protocol.state = RobotDeployment(self.robot, born=self.born)
+        if self._keeper is None:  # what was under way is lost, as it is if the engine ends
+            self._protocol.state = replace(self._protocol.state, running=old.running, newest=old.newest)
+        self._resume()
+        self._no_memory = ""
 
     # ---- the end ---------------------------------------------------------------------------------------------------
 
@@ -675,6 +719,7 @@ class EngineNode:
 
     def close(self) -> None:
         """Bring the robot to its safe state and close all endpoints."""
+        self.scheduler.on_no_memory = None
         try:
             self.stop()
         finally:

@@ -31,7 +31,10 @@ def boundary(handle: Callable[[Any], object], refuse: Callable[[str], object]) -
 
 
 def unexpected(error: Exception) -> str:
-    """Return the reason of a refusal for an error that nobody foresaw."""
+    """Return the reason of a refusal for an error that nobody foresaw. A MemoryError is raised again: what the message
+    has begun may be half done (`fame.clock.Scheduler.on_no_memory`)."""
+    if isinstance(error, MemoryError):
+        raise error
     return f"it could not be handled: {type(error).__name__}: {error}"
 
 

@@ -231,6 +231,13 @@ class StateKeeper:
             self.recorder.journal.close()
             self.recorder = None
 
+    def drop(self) -> None:
+        """As `stop`, but what is not on the disk yet is dropped; `read` and `promised` give what is there."""
+        if self.recorder is not None:
+            self.recorder.drop()
+        self.stop()
+        self._kept, self._lost = [], ""
+
     def _touch(self) -> None:
         if self.recorder is not None:
             self.recorder.check_directory()

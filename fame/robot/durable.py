@@ -232,6 +232,11 @@ class DurableRecorder:
         self.node.host.recorder = None
         self.node.runner.outward = None
 
+    def drop(self) -> None:
+        """Stop, and record nothing more: what has changed since the last record may be half done."""
+        self._quiet = True
+        self.close()
+
     def _flush(self) -> None:
         self._close_batch()
         if record := self._record():

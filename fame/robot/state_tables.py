@@ -48,6 +48,8 @@ TableRows = dict[str, Any]
 Tables = dict[str, TableRows]
 _Change = dict[str, Any]
 
+_LARGE = 1_000_000
+"""Size from which on there must be room for the JSON of a value (bytes), which may take eight times as much memory."""
 _KEYED = ("instances", "scopes", "waits", "boxes")
 _MAPPED = ("listeners", "waiting_starts", "gathered", "starts")
 _ATOMS = frozenset({type(None), bool, int, str})
@@ -238,6 +240,8 @@ class _VariableTable:
             content: Any = marshal.dumps(value, 2)
             if old is not None and old[1] == content:
                 return
+            if len(content) > _LARGE:
+                bytearray(8 * len(content))  # raises MemoryError, where orjson would crash
             values[key] = encode(value, dump)
         except (ValueError, MissionError):
             try:

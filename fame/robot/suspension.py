@@ -31,6 +31,7 @@ _HOLDS = {
     "incident": "an incident",
     "deployment": "a deployment that is about to start",
     "disk": "its state, which cannot be written (free space on its disk)",
+    "memory": "a step that may be half done, since no memory was left (deploy again)",
     "promise": "what it had promised to start, which is lost (deploy again)",
 }
 """Other reasons, in words."""
