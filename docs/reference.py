@@ -1,6 +1,7 @@
-"""What the site generates as reference, as Markdown, from what the code knows: its parsers, tables and docstrings.
+"""The reference as Markdown, from what the code knows: its parsers, tables and docstrings.
 
-A page has the comment ``<!-- generated: NAME -->`` where the text of ``GENERATED[NAME]`` is put in.
+A page has the comment ``<!-- generated: NAME -->`` where the text of ``GENERATED[NAME]`` is put in: up to the comment
+``<!-- end -->``, if it has one, by ``python docs/reference.py``; else only on the site.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from importlib import import_module
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 from fame.bpmn.extension_properties import PROPERTIES
 from fame.cli import GROUPS, parser, project
 from fame.cli.arguments import Parser
+from fame.clock import Scheduler
+from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration
 from fame.monitor.pipeline.processors import PROCESSORS
@@ -26,6 +30,7 @@ from fame.scenario import plan, variation
 from fame.scenario.settings import NETWORK_KEYS
 from sim2d import config
 from sim2d.robot import BUILT_IN, robot_class
+from sim2d.world import World
 
 PACKAGES = (
     "fame", "fame.bpmn", "fame.check", "fame.check.explore", "fame.clock", "fame.log", "fame.middleware",
@@ -198,6 +203,24 @@ def prose(docstring: str) -> Iterator[str]:
             yield from (escaped(re.sub(r"``(.+?)``", r"`\1`", part)).replace("::", ":"), "")
 
 
+# ---- topics of robots ------------------------------------------------------------------------------------------------
+
+
+def topics() -> Iterator[str]:
+    """What a robot of each type publishes, subscribes and serves, as the graph shows it."""
+    for name in BUILT_IN:
+        middleware = LocalMiddleware(scheduler := Scheduler())
+        robots = {"ROBOT": {"type": name, "at": [5, 5]}}
+        World({"size": [10, 10], "robots": robots}, scheduler=scheduler, middleware=middleware)
+        yield from (f"## {name}", "", "| topic | type | |", "| --- | --- | --- |")
+        for topic in middleware.graph():
+            does = "published" if topic.publishers else "subscribed"
+            yield f"| `{topic.name.removeprefix('/ROBOT/')}` | {', '.join(topic.types)} | {does} |"
+        for service, server in sorted(middleware.services.items()):
+            yield f"| `{service.removeprefix('/ROBOT/')}` | {server.type} | service |"
+        yield ""
+
+
 # ---- keys of YAML files ----------------------------------------------------------------------------------------------
 
 
@@ -263,9 +286,33 @@ GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {
     "keys": keys,
     "properties": properties,
     "python": api,
+    "topics": topics,
 }
 
 
-def generate(page: str) -> str:
-    """A page with what its comments ask for."""
-    return re.sub(r"<!-- generated: (\w+) -->", lambda found: "\n".join(GENERATED[found[1]]()), page)
+_PLACE = re.compile(r"(<!-- generated: (\w+) -->\n?)(?:.*?(<!-- end -->)|)", re.DOTALL)
+
+
+def generate(page: str, *, committed: bool = False) -> str:
+    """A page with what its comments ask for: with an end, if that is `committed`, else without."""
+
+    def text(found: re.Match[str]) -> str:
+        if (found[3] is None) == committed:
+            return found[0]
+        made = re.sub(r"\n{3,}", "\n\n", "\n".join(GENERATED[found[2]]()))
+        return f"{found[1]}\n{made.strip()}\n\n{found[3]}" if committed else made
+
+    return _PLACE.sub(text, page)
+
+
+def main() -> None:
+    """Write what the pages have of the reference."""
+    for path in sorted(Path(__file__).parent.glob("*.md")):
+        old = path.read_text("utf-8")
+        if (new := generate(old, committed=True)) != old:
+            path.write_text(new, "utf-8")
+            print(path)
+
+
+if __name__ == "__main__":
+    main()
