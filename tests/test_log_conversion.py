@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import re
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
@@ -433,38 +436,94 @@ def test_xes_says_how_the_run_ended_of_activities(tmp_path: Path, capsys: pytest
 FOREIGN = """<log xmlns="http://www.xes-standard.org/"><trace><string key="concept:name" value="order 7"/>
   <event><string key="activity" value="B_work_4"/><string key="org:resource" value="B"/>
     <date key="time:timestamp" value="2026-05-01T10:00:00+02:00"/></event>
-  <event><string key="activity" value="A_work_2"/><string key="org:resource" value="A"/>
-    <date key="time:timestamp" value="2026-05-01T10:00:09+02:00"/></event></trace></log>"""
+  <event><string key="activity" value="A_work_2"/><string key="org:resource" value="a"/>
+    <float key="error" value="nan"/><date key="time:timestamp" value="2026-05-01T08:00:09Z"/></event></trace></log>"""
+NESTED = """<log xes.version="1.0"><string key="creator" value="miner"><string key="unit" value="B"/></string><trace>
+  <string key="concept:name" value="Case 1"/><string key="unit" value="A"/>
+  <container key="meta"><string key="unit" value="B"/></container>
+  <event><string key="concept:name" value="work"/><string key="lifecycle:transition" value="schedule"/>
+    <date key="time:timestamp" value="2026-05-01T09:00:00.000+02:00"/></event>
+  <event><string key="concept:name" value="work"><string key="concept:name" value="rest"/></string>
+    <list key="parts"><values><string key="unit" value="B"/></values></list>
+    <string key="lifecycle:transition" value="START"/><date key="time:timestamp" value="2026-05-01T10:00:00"/></event>
+  <event><string key="concept:name" value="work"/><string key="lifecycle:transition" value="complete"/>
+    <date key="time:timestamp" value="2026-05-01T12:00:05.250+02:00"/></event></trace></log>"""
 
 
-def test_an_event_log_of_another_tool_is_judged_by_the_names_of_its_columns(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+Foreign = Callable[..., str]
+
+
+@pytest.fixture
+def foreign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Foreign:
+    """Judges the events of another tool by some properties: the exit code and what was printed, on one line."""
     (tmp_path / "m.bpmn").write_text(text_of({"A": ["work"], "B": ["catch go", "work"]}))
-    properties, log = tmp_path / "m.properties.yaml", tmp_path / "foreign.xes"
-    properties.write_text(
-        "properties:\n  order: B starts B_work_4 only after A completes A_work_2\n"
-        "  soon: after B ends B_work_4, A starts A_work_2 within 10 s\n  begun: A starts within 1 s\n"
-    )
-    log.write_text(FOREIGN)
-    assert main(["log", "judge", str(properties), str(log), "--json", "--columns", "element=activity"]) == 1
-    (found,) = json.loads(capsys.readouterr().out)["runs"].values()
-    assert [(one["verdict"], one["slack"]) for one in found] == [
-        ("violated", None),
-        ("holds", 1.0),
-        ("not known", None),
-    ]
+
+    def judge(text: str | bytes, properties: str, *columns: str, name: str = "foreign.xes") -> str:
+        (tmp_path / "m.properties.yaml").write_text(f"properties:\n{properties}")
+        (tmp_path / name).write_bytes(text.encode() if isinstance(text, str) else text)
+        words = [word for column in columns for word in ("--columns", column)]
+        code = main(["log", "judge", str(tmp_path / "m.properties.yaml"), str(tmp_path / name), *words])
+        said = capsys.readouterr()
+        assert code != 2 or said.err.count("\n") == 1
+        return " ".join(f"{code} {said.out} {said.err}".split())
+
+    return judge
+
+
+ORDER = "  order: B starts B_work_4 only after A completes A_work_2\n"
+
+
+def test_an_event_log_of_another_tool_is_judged_by_the_names_of_its_columns(foreign: Foreign) -> None:
+    soon = "  soon: after B ends B_work_4, A starts A_work_2 within 10 s\n  begun: A starts within 1 s\n"
+    table = foreign(FOREIGN, ORDER + soon, "element=activity")
+    assert re.match("1 .* order violated .* soon holds 1 begun not known", table)
     strange = '<event><string key="activity" value="other"/><string key="org:resource" value="B"/></event></trace>'
-    log.write_text(FOREIGN.replace("</trace>", strange))
-    assert main(["log", "judge", str(properties), str(log), "--columns", "element=activity"]) == 3
-    assert "the log does not have all of B" in capsys.readouterr().out
-    for words, text in (
-        ([], "is not a log as fame log convert writes it; --columns maps the names of another one"),
-        (["--columns", "element=task"], "'org:resource' names no robot, or 'task' no element of"),
-        (["--columns", "colour=red"], "--columns: unknown key 'colour'; keys are: robot, element, transition, time"),
-    ):
-        assert main(["log", "judge", str(properties), str(log), *words]) == 2
-        assert text in capsys.readouterr().err
+    table = foreign(FOREIGN.replace("</trace>", strange), ORDER, "element=activity")
+    assert re.match("3 .* the log does not have all of B", table)
+    assert foreign(gzip.compress(FOREIGN.encode()), ORDER, "element=activity", name="foreign.xes.gz").startswith("1 ")
+
+
+def test_one_with_a_life_cycle_nested_values_and_zones_is_judged(foreign: Foreign) -> None:
+    takes = "  takes: after A starts A_work_2, A completes A_work_2 within 10 s\n"
+    assert foreign(NESTED, takes, "robot=case:unit") == "0 property verdict slack why takes holds 4.75"
+    for old, new in (("complete", "DONE"), ('value="work"/>', 'value="tidy up"/>')):  # what that means nobody knows
+        table = foreign(NESTED.replace(old, new), takes, "robot=unit")
+        assert re.match("3 .* the log does not have all of A", table)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "columns", "text"),
+    [
+        ("", "", [], "is not a log as fame log convert writes it; --columns maps the names of another one, which has "
+         "activity, case:concept:name, org:resource, time:timestamp"),
+        ("", "", ["element=task"], "no event has 'task' (element); there are activity, case:concept:name, org:"),
+        ("", "", ["time=activity"], "'concept:name' names no activity of"),
+        ("activity", "concept:name", ["robot=concept:name"], "'concept:name' names no robot of"),
+        ("A_work_2", "B_work_4", ["robot=activity"], "(A, B): it has B_work_4; see"),
+        ("_work_", "_play_", ["element=activity"], "(A_work_2, B_work_4, work): it has A_play_2, B_play_4; see"),
+        ("time:timestamp", "at", ["element=activity"], "trace 'order 7': an event has no 'time:timestamp' (time); it"),
+        ("2026-05-01T10", "at 10", ["element=activity"], "trace 'order 7': 'at 10:00:00+02:00' is not an ISO 8601"),
+        ("", "", ["colour=red"], "--columns: unknown key 'colour'; keys are: robot, element, transition, time"),
+    ],
+)  # fmt: skip
+def test_wrong_names_are_refused_with_those_that_are_there(
+    foreign: Foreign, old: str, new: str, columns: list[str], text: str
+) -> None:
+    said = foreign(FOREIGN.replace(old, new), ORDER, *columns)
+    assert text in said
+    assert said.startswith("2 ")
+
+
+def test_a_packed_log_that_is_damaged_or_too_large_is_refused(
+    foreign: Foreign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packed = gzip.compress(FOREIGN.encode())
+    for data in (FOREIGN.encode(), packed[:80], packed[:-9] + b"123456789"):
+        said = foreign(data, ORDER, "element=activity", name="foreign.xes.gz")
+        assert re.match("2 .* is damaged, or not packed by gzip", said)
+    monkeypatch.setattr("fame.log.xes_reading._PACKED", 300)
+    assert "unpack it" in foreign(packed, ORDER, "element=activity", name="foreign.xes.gz")
+    assert "2 fame: error: --columns is for .xes files, got" in foreign(FOREIGN, ORDER, "time=at", name="run.jsonl")
 
 
 def test_two_missions_of_one_robot_are_cases_apart(tmp_path: Path) -> None:
@@ -481,6 +540,16 @@ def test_two_missions_of_one_robot_are_cases_apart(tmp_path: Path) -> None:
     assert [trace[0].get("value") for trace in traces] == ["A/1", "A/2"]
     objects = json.loads(converted(tmp_path, ".ocel.json").read_text())["objects"]
     assert [one["id"] for one in objects if one["type"] == "instance"] == ["instance:A/1", "instance:A/2"]
+
+
+def test_two_runs_of_one_time_are_not_merged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "m.bpmn").write_text(text_of({"A": ["work"]}))
+    runs = [str(tmp_path / f"{seed}.mcap") for seed in (1, 2)]
+    for seed, log in enumerate(runs):
+        assert main(["run", str(tmp_path / "m.bpmn"), "--quiet", "--seed", str(seed), "--log", log]) == 0
+    assert main(["log", "merge", *runs, "-o", str(tmp_path / "run.mcap")]) == 2
+    assert "is another run at the same time as" in capsys.readouterr().err
+    assert not (tmp_path / "run.mcap").exists()
 
 
 def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

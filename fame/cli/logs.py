@@ -97,13 +97,14 @@ def add(commands: Commands) -> None:
     )
     judging.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN",
-        help="a recording (.mcap), a bag of ROS 2, a log (.jsonl, .csv, .xes, .ocel.json: of the model beside the "
-        "properties), or a folder of them",
+        help="a recording (.mcap), a bag of ROS 2, a log (.jsonl, .csv, .xes, .xes.gz, .ocel.json: of the model beside "
+        "the properties), or a folder of them",
     )  # fmt: skip
     judging.add_argument(
         "--columns", action="append", default=[], type=_naming, metavar="KEY=NAME",
         help="judge .xes files of another tool: what names the robot (org:resource unless said), the element by id or "
-        "label (concept:name), the transition (lifecycle:transition) and the time (time:timestamp); repeatable",
+        "label (concept:name), the transition (lifecycle:transition) and the time (time:timestamp); case:NAME is "
+        "that of the trace; repeatable",
     )  # fmt: skip
     add_json(judging)
 
@@ -192,18 +193,21 @@ def _write(doing: str, write: Callable[..., Iterable[str]], arguments: Namespace
 def judge(arguments: Namespace) -> int:
     """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
     from fame.log.bag_reader import is_bag
-    from fame.log.event_logs import COLUMNS, XES
+    from fame.log.xes_reading import COLUMNS, is_xes
     from fame.properties.judge import HEADS, exit_code
 
     columns = dict(arguments.columns)
     if wrong := columns.keys() - COLUMNS.keys():
         raise ConfigError(f"--columns: unknown key {min(wrong)!r}; keys are: {', '.join(COLUMNS)}")
+    runs = _runs(arguments.runs)
+    if columns and not any(map(is_xes, runs)):
+        raise ConfigError(f"--columns is for .xes files, got {', '.join(map(str, runs))}")
     properties, model, team = subject(arguments.properties)
     found: dict[str, list[Judgement]] = {
         str(path): load(JUDGE_BAG)(path, properties, model, team)
         if is_bag(path)
-        else load(JUDGE_LOG)(path, properties, model, team=team, columns=columns if path.suffix.lower() == XES else {})
-        for path in _runs(arguments.runs)
+        else load(JUDGE_LOG)(path, properties, model, team=team, columns=columns if is_xes(path) else {})
+        for path in runs
     }
     if arguments.json:
         print_json({"runs": {path: [one.to_json() for one in each] for path, each in found.items()}})

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from fnmatch import fnmatchcase
-from itertools import chain, count
+from itertools import chain, combinations, count
 from pathlib import Path
 from shutil import rmtree
 from types import MappingProxyType
@@ -218,6 +218,7 @@ class _Merging:
         self._recordings = recordings
         self._shifts = [nanoseconds_between(self.epoch, each) for each in epochs]
         self._spans = [self._spans_of(one, shift) for one, shift in zip(recordings, self._shifts, strict=True)]
+        self._expect_runs_apart()
         self._channels: dict[tuple[str, str], int] = {}
         self.attachments: dict[str, bytes] = {}
         self._names = [self._attach(one) for one in recordings]
@@ -226,6 +227,15 @@ class _Merging:
             for robot, runs in recording.runs.items():
                 for time, process, models in runs:
                     self._note_run(robot, ModelRun(time + self._shifts[number], process, self._renamed(number, models)))
+
+    def _expect_runs_apart(self) -> None:
+        """Refuse runs of one robot at one time: other recordings of one time are of the same mission."""
+        runs = [each for each in zip(self._recordings, self._spans, strict=True) if _is_run(each[0])]
+        for (one, spans), (other, others) in combinations(runs, 2):
+            for subject, (first, last) in spans.items():
+                if subject in others and others[subject][0] <= last and first <= others[subject][1]:
+                    text = f"is another run at the same time as {one.file}: both have {subject}; give each its --epoch"
+                    raise ConfigError(text, file=str(other.file))
 
     def _attach(self, recording: Recording) -> dict[str, str]:
         """Take the files of a recording. Returns their new names."""
@@ -319,6 +329,11 @@ class _Merging:
                 message.topic, type, message.node
             )
         file.write(channel, time, message.data)
+
+
+def _is_run(recording: Recording) -> bool:
+    """Whether it is the log of a whole run; an engine's own, and that of a recorder, may have what another one has."""
+    return "seed" in recording.metadata and "robot" not in recording.metadata
 
 
 def _subject(message: RecordedMessage) -> str:

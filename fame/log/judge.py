@@ -23,7 +23,8 @@ from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.log.channels import CLOCKS, EVENTS, KEY, PROPERTIES, VARIABLES, WORLD
 from fame.log.conversion import models_of
-from fame.log.event_logs import EventRow, RecordedEvents, read_event_log
+from fame.log.event_logs import read_event_log
+from fame.log.recorded_events import EventRow, RecordedEvents
 from fame.log.recording import RecordedMessage, Recording, scene_values
 from fame.log.team_state import TeamState
 from fame.middleware.interface import ENGINE, TopicInfo
@@ -51,7 +52,7 @@ def judge_log(
     """Return the judgements about a log; `model` is that of a log of events alone, `team` what is
     known of the team of a run.
 
-    `columns` are the names in an XES of another tool (`fame.log.event_logs.COLUMNS`).
+    `columns` are the names in an XES of another tool (`fame.log.xes_reading.COLUMNS`).
     `apart` (ns): how far the clocks of two robots of a recording may be apart. Each robot is also judged that much
     later; what is violated only as the clocks stand is not known. So is what an incomplete recording does not violate,
     unless it `is_open`: its run has written all of it, and ends it once it is judged.

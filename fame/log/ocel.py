@@ -328,7 +328,9 @@ def _add_waiting(log: _Log, message: RecordedMessage, caught: _Catching) -> None
 
 
 def _add_goal(log: _Log, what: str, robot: str, token: Mapping[str, Any], time: int) -> None:
-    id = log.object(f"goal:{robot}/{token['key']}", "goal", time, {} if what == _GOAL_ENDED else _action(token))
+    case = log.cases.number(robot, token["instance"], "")
+    apart = "" if case == token["instance"] else f"{case}/"  # of another mission, whose tokens have the same keys
+    id = log.object(f"goal:{robot}/{apart}{token['key']}", "goal", time, {} if what == _GOAL_ENDED else _action(token))
     log.event(what, time, _action(token), {id: "goal", **_place(log, robot, token, time)})
 
 

@@ -462,11 +462,11 @@ def read_log(data: bytes) -> None:
     judge_log(suffix, data)
 
 
-def judge_log(suffix: str, data: bytes) -> None:
-    """A log of events, judged by properties."""
+def judge_log(suffix: str, data: bytes, **columns: str) -> None:
+    """A log of events, judged by properties; `columns`: as one of another tool."""
     from fame.log.judge import judge_log
 
-    judge_log(_file(f"run{suffix}", data), *_judging())
+    judge_log(_file(f"run{suffix}", data), *_judging(), columns=columns)
 
 
 @cache
@@ -814,6 +814,7 @@ TARGETS = tuple(
         ("channels", read_channels, _channels, json_lines, {"slow": True, "needs": ("pymunk",)}),
         ("log", read_log, _logs, text_or_bytes, {"needs": ("pymunk",)}),
         ("xes", partial(judge_log, ".xes"), _xes, xml, {"needs": ("pymunk",)}),
+        ("foreign_xes", partial(judge_log, ".xes", element="element"), _xes, xml, {"needs": ("pymunk",)}),
         ("ocel", partial(judge_log, ".ocel.json"), lambda: [_converted(".ocel.json")], json_text,
          {"needs": ("pymunk",)}),
         ("sentence", read_sentence, _texts(*_SENTENCES), text_or_bytes, {"needs": ("pymunk",)}),
