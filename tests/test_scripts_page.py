@@ -5,9 +5,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from bpmn_text import process
+from bpmn_text import document, process
 
 from fame.bpmn import read_text
+from fame.cli import main
 from fame.scripting import NAMES, Robot
 from fame.scripting.juel import JUEL
 from fame.simulation import Simulation
@@ -49,6 +50,29 @@ def test_the_functions_of_expressions_are_those_that_there_are() -> None:
     assert set(re.findall(r"`([a-z]+)`", text)) == set(JUEL.functions) - {"cycle", "duration"}
 
 
+@pytest.mark.parametrize("percentage", [0.1, 0.3])
+@pytest.mark.parametrize("charging", [False, True])
+def test_one_condition_means_the_same_in_four_languages(percentage: float, charging: bool) -> None:
+    pytest.importorskip("quickjs")
+    rows = re.findall(r"^\| .* \| `(.*charging\)?\}?)` \|", PAGE, re.MULTILINE)
+    languages = ["", "javascript", "", ""]
+    assert len(rows) == len(languages)
+    for text, language in zip(rows, languages, strict=True):
+        variables = {"percentage": percentage, "charging": charging}
+        assert holds(text, variables, language) is (percentage < 0.2 and not charging), text
+
+
+def holds(condition: str, variables: dict, language: str = "") -> bool:
+    """Whether a gateway takes the flow with this condition."""
+    text = condition.replace("&", "&amp;").replace("<", "&lt;")
+    attribute = f' language="{language}"' if language else ""
+    content = f"""<startEvent id="s"/><exclusiveGateway id="g" default="no"/><task id="t"/><task id="e"/>
+    <sequenceFlow id="f" sourceRef="s" targetRef="g"/><sequenceFlow id="no" sourceRef="g" targetRef="e"/>
+    <sequenceFlow id="yes" sourceRef="g" targetRef="t"><conditionExpression{attribute}>{text}</conditionExpression>
+    </sequenceFlow>"""
+    return Simulation(read_text(process(content)), variables=variables).run().instances[0].visits["t"] == 1
+
+
 @pytest.mark.parametrize(
     ("condition", "true"),
     [
@@ -63,11 +87,37 @@ def test_the_functions_of_expressions_are_those_that_there_are() -> None:
     ],
 )
 def test_its_expressions_mean_what_it_says(condition: str, true: bool) -> None:
-    text = condition.replace("&", "&amp;").replace("<", "&lt;")
-    content = f"""<startEvent id="s"/><exclusiveGateway id="g" default="no"/><task id="t"/><task id="e"/>
-    <sequenceFlow id="f" sourceRef="s" targetRef="g"/><sequenceFlow id="no" sourceRef="g" targetRef="e"/>
-    <sequenceFlow id="yes" sourceRef="g" targetRef="t"><conditionExpression>{text}</conditionExpression></sequenceFlow>
-    """
     variables = {"ready": ["a", "b"], "late": False, "x": 4, "name": "Tractor_1"}
-    instance = Simulation(read_text(process(content)), variables=variables).run().instances[0]
-    assert instance.visits["t"] == true
+    assert holds(condition, variables) == true
+
+
+OWN = """<collaboration id="c"><participant id="p" name="PICKER" processRef="a"/>
+<participant id="q" name="CARRIER" processRef="b"/></collaboration><signal id="x" name="load"/>
+<process id="a"><startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/><scriptTask id="t"><script>
+import weighing
+{assignment}</script></scriptTask><sequenceFlow id="g" sourceRef="t" targetRef="e"/><endEvent id="e"><extensionElements>
+<camunda:properties><camunda:property name="type" value="{type}"/><camunda:property name="payload" value="{payload}"/>
+</camunda:properties></extensionElements><signalEventDefinition signalRef="x"/></endEvent></process>
+<process id="b"><startEvent id="s2"><extensionElements><camunda:inputOutput>
+<camunda:outputParameter name="mass">{output}</camunda:outputParameter></camunda:inputOutput></extensionElements>
+<signalEventDefinition signalRef="x"/></startEvent>
+</process>"""
+
+
+def test_own_types_and_modules_are_found_as_their_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parent.parent / "docs" / "own_code.md").read_text("utf-8")
+    spans = re.findall(r"`([^`\n]+)`", page)
+    for name, text in re.findall(r"`([\w/]+\.(?:msg|py))`[^`]*:\n\n```\w+\n(.*?)```", page, re.DOTALL):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    after = {
+        word: next(span for span in spans if span.startswith(word)) for word in ("farm_msgs/msg/", "{parcel", "${msg")
+    }
+    type, payload, output = after.values()
+    assignment = next(span for span in spans if span.startswith("mass = "))
+    model = OWN.format(assignment=assignment, type=type, payload=payload, output=output)
+    (tmp_path / "mission.bpmn").write_text(document(model))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    log = tmp_path / "run.csv"
+    assert main(["run", str(tmp_path / "mission.bpmn"), "--types", str(tmp_path / "msgs"), "--log", str(log)]) == 0
+    assert "CARRIER" in log.read_text()
