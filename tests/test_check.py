@@ -20,6 +20,7 @@ from check_drawing import (
     told,
 )
 from gallery import gallery
+from test_check_concurrency import WARNINGS as OF_CALLS
 from test_check_errors import ERRORS
 from test_check_flow import WARNINGS as OF_FLOWS
 from test_check_kinds import WARNINGS as OF_KINDS
@@ -69,7 +70,7 @@ def test_a_finding_is_one_line() -> None:
     "text",
     [
         text
-        for table in (ERRORS, WARNINGS, NOTES, OF_FLOWS, OF_KINDS, OF_SCRIPTS, OF_SIGNALS)
+        for table in (ERRORS, WARNINGS, NOTES, OF_CALLS, OF_FLOWS, OF_KINDS, OF_SCRIPTS, OF_SIGNALS)
         for _, text in table.values()
     ],
 )

@@ -13,6 +13,7 @@ from types import MappingProxyType
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
+from fame.check.concurrency import check_shared_variables
 from fame.check.control_flow import check_flow, check_joins, check_loops, check_recursion, check_start_and_end_events
 from fame.check.elements import (
     check_annotations,
@@ -59,6 +60,7 @@ CHECKS: tuple[Check, ...] = (
     check_signal_delivery,
     check_names,
     check_variables,
+    check_shared_variables,
     check_value_kinds,
     check_scripts,
     check_data_objects,

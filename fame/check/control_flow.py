@@ -341,15 +341,15 @@ def _meets_always(body: Body, calls: set[str], passes: _Passes) -> bool:
         ways = [other in meeting for other in graph.following[node.id]]
         if not ways or may_stop(graph, node):
             return False
-        return any(ways) if _forks(graph, node) and not cut_short else all(ways)
+        return any(ways) if forks(graph, node) and not cut_short else all(ways)
 
     while more := {node.id for node in reversed(body.nodes) if node.id not in meeting and meets(node)}:
         meeting |= more
     return bool(body.nodes) and all(node.id in meeting for node in graph.beginnings())
 
 
-def _forks(graph: FlowGraph, node: FlowNode) -> bool:
-    """Whether a token takes all outgoing flows."""
+def forks(graph: FlowGraph, node: FlowNode) -> bool:
+    """Return whether a token takes all outgoing flows."""
     if isinstance(node, Gateway):
         return node.kind == "parallel"
     return all(flow.condition is None for flow in graph.leaving(node))

@@ -1,0 +1,182 @@
+"""Calls that may be in progress at the same time and share variables, so that each sees values of the other.
+
+A call without a mapping shares the variables of its caller. What two of them set at the same time is safe if each reads
+it in the same step only (a script without `await` runs to its end), if both set it to the same value, or if they only
+count with it (``n = n + 1``). Messages that both catch are the same for both.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Set
+from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import combinations, product
+
+from fame.bpmn.model import Activity, Body, Event, Expression, FlowNode, MultiInstance, SubProcess
+from fame.check.control_flow import forks
+from fame.check.expressions import expressions_in, names_of, syntax_tree
+from fame.check.graph import FlowGraph, graph_of
+from fame.check.scope import CheckedProcess, CheckScope, Finding
+from fame.check.variables import assigned_objects, sets_something, sharing
+
+_SHOWN = 3
+"""Variables that a finding names."""
+
+
+@dataclass(slots=True)
+class _CallUse:
+    """What a call does with the variables of its caller.
+
+    anew  name -> what it is set to: a constant or expression of a data object; empty: something else
+    kept  names that are read in another step than they are set
+    """
+
+    anew: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+    kept: set[str] = field(default_factory=set)
+
+    def clashes(self, other: _CallUse) -> set[str]:
+        """Return the variables of this call that the other one changes while it still needs them."""
+        both = (name for name in self.anew.keys() & other.anew.keys() if name in self.kept)
+        return {name for name in both if len(self.anew[name] | other.anew[name]) > 1 or "" in self.anew[name]}
+
+
+_UseOf = Callable[[str], _CallUse]
+"""By the id of a call."""
+
+
+def check_shared_variables(scope: CheckScope) -> Iterator[Finding]:
+    """Find calls without a mapping that may be in progress at the same time and set the same variables."""
+    for process in scope.processes:
+        calls = {call.id for call, callee in process.calls if callee is not None and call.io is None}
+        if calls:
+            use = cache(partial(_use, process))
+            for graph in map(graph_of, process.bodies()):
+                yield from _pairs_in(process, graph, calls, use)
+                yield from _instances_in(process, graph, calls, use)
+
+
+def _pairs_in(process: CheckedProcess, graph: FlowGraph, sharing: Set[str], use: _UseOf) -> Iterator[Finding]:
+    reported = set[str]()
+    for one, other in _pairs(graph):
+        for call, later in product(_calls(graph.nodes[one], sharing), _calls(graph.nodes[other], sharing)):
+            names = use(call.id).clashes(use(later.id)) | use(later.id).clashes(use(call.id))
+            if names and later.id not in reported:
+                reported.add(later.id)
+                text = f"may be in progress at the same time as {call.display_name}, and both set {_listed(names)}"
+                yield process.finding("warning", f"{text}: give the calls mappings", later)
+
+
+def _instances_in(process: CheckedProcess, graph: FlowGraph, sharing: Set[str], use: _UseOf) -> Iterator[Finding]:
+    for node in graph.body.nodes:
+        if node.id in sharing and _is_parallel(node):
+            names = use(node.id).anew.keys() & use(node.id).kept
+            before = (graph.nodes[id] for id in graph.before(node.id)) if names else ()
+            names &= {name for other in before for name in _sets(process, other, sharing, use)}
+            if names:
+                text = f"its instances run at the same time and all set {_listed(names)}, which is set before"
+                yield process.finding("warning", f"{text}: give the call a mapping", node)
+
+
+def _listed(names: Set[str]) -> str:
+    more = [f"{len(names) - _SHOWN} more"] if len(names) > _SHOWN else []
+    return ", ".join([f"`{name}`" for name in sorted(names)[:_SHOWN]] + more)
+
+
+def _is_parallel(node: FlowNode) -> bool:
+    return isinstance(node, Activity) and isinstance(node.loop, MultiInstance) and not node.loop.sequential
+
+
+def _calls(node: FlowNode, sharing: Set[str]) -> Iterator[FlowNode]:
+    """The calls in a node that share the variables of its body."""
+    if node.id in sharing and not _is_parallel(node):
+        yield node
+    elif isinstance(node, SubProcess) and node.io is None and not _is_parallel(node):
+        for inner in node.body.nodes:
+            yield from _calls(inner, sharing)
+
+
+# ---- what may be in progress at the same time ------------------------------------------------------------------------
+
+
+def _pairs(graph: FlowGraph) -> Iterator[tuple[str, str]]:
+    """Yield the nodes of which tokens may be at both at the same time, in the order of the file."""
+    place = {node.id: number for number, node in enumerate(graph.body.nodes)}
+    found = dict[tuple[str, str], None]()
+    for one, other in _branches(graph):
+        for pair in ((a, b) for a in one - other for b in other - one):
+            found[min(pair, key=place.__getitem__), max(pair, key=place.__getitem__)] = None
+    yield from sorted(found, key=lambda pair: (place[pair[0]], place[pair[1]]))
+
+
+def _branches(graph: FlowGraph) -> Iterator[tuple[set[str], set[str]]]:
+    """Yield two sets of nodes at which tokens may be at the same time, but for those that are in both."""
+    for node in graph.body.nodes:
+        ways = [graph.flows[flow].target for flow in node.outgoing]
+        if len(ways) > 1 and forks(graph, node):
+            yield from combinations([graph.reach([way], {node.id}) for way in ways], 2)
+        if isinstance(node, Event) and node.place == "boundary" and not node.interrupting:
+            host = graph.nodes[node.attached_to]
+            goes_on = graph.reach([graph.flows[flow].target for flow in host.outgoing], {host.id, node.id})
+            yield {host.id} | goes_on, graph.reach(ways, {host.id, node.id})
+        if isinstance(node, SubProcess) and node.triggered_by_event and not _interrupts(node.body):
+            yield set(graph.nodes) - {node.id}, {node.id}
+
+
+def _interrupts(body: Body) -> bool:
+    return any(isinstance(node, Event) and node.place == "start" and node.interrupting for node in body.nodes)
+
+
+# ---- what a call does with variables ---------------------------------------------------------------------------------
+
+
+def _use(process: CheckedProcess, id: str) -> _CallUse:
+    """The use of the caller's variables by a call: its data objects, and all that it calls without a mapping."""
+    use = _CallUse()
+    call, callee = next(pair for pair in process.calls if pair[0].id == id)
+    assert callee is not None
+    for body in process.bodies():
+        _note_objects(use, body, set(call.data_inputs))
+    for member in sharing(callee):
+        assigned = assigned_objects(member)
+        for body in member.bodies():
+            _note_objects(use, body, assigned)
+            for node in body.nodes:
+                for name in {item.target for item in (*node.copies_in, *node.copies_out)}:
+                    use.anew[name].add("")
+            for text in expressions_in(body):
+                script = text.use == "script"
+                for name in _anew(text.expression, text.reads, text.writes) if script else ():
+                    use.anew[name].add("")
+                suspends = script and "await" in text.expression.text
+                use.kept |= text.reads if suspends else text.reads - text.writes
+    return use
+
+
+def _note_objects(use: _CallUse, body: Body, assigned: Set[str]) -> None:
+    for item in body.data_objects:
+        for name, value in item.values if item.id in assigned else ():
+            if sets_something(name, value):
+                use.anew[name].add(value.text.strip())
+
+
+def _anew(script: Expression, reads: Set[str], writes: Set[str]) -> Set[str]:
+    """The variables that a script sets to something that does not depend on their values."""
+    tree = syntax_tree(script)
+    if tree is None:
+        return writes - reads
+    found = set[str]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign | ast.AnnAssign | ast.NamedExpr) and node.value is not None:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            used = {name.id for name in ast.walk(node.value) if isinstance(name, ast.Name)}
+            found |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)} - used
+    return found & writes
+
+
+def _sets(process: CheckedProcess, node: FlowNode, sharing: Set[str], use: _UseOf) -> Set[str]:
+    """The variables that an element sets, by its script or its call."""
+    if node.id in sharing:
+        return use(node.id).anew.keys()
+    return {*node.sets(), *(names_of(node.script, script=True)[1] if node.script is not None else ())}
