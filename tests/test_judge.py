@@ -1,7 +1,9 @@
 """Recorded runs judged by a model: verdicts, events, figures, the report, and the card of the model."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import own_data
@@ -392,6 +394,26 @@ def test_a_run_whose_label_cells_are_empty_has_no_label(tmp_path: Path) -> None:
     assert [(run.labelled, run.labels.tolist()) for run in runs] == [(True, [1, 1]), (False, [1, 1]), (True, [1, -1])]
 
 
+def test_where_a_loss_is_no_number_a_run_is_not_judged(model: TrainedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    execute, run = Autoencoder.execute, own_data.run(1000)
+    third = run.stamps[len(run) // 3]
+
+    def forget(scorer: Autoencoder, inputs: Mapping[str, Samples]) -> Any:
+        if (found := execute(scorer, inputs)) is not None:
+            found["loss"].values[found["loss"].stamps > third, 2] = np.nan
+        return found
+
+    monkeypatch.setattr(Autoencoder, "execute", forget)
+    given = LabelledRun(run, np.ones(len(run), dtype=np.int64), "a.csv")
+    (judged,) = judge_trained(model, [given], "m").runs
+    assert (judged.verdict, judged.events, f"{model.columns[2]} is no number: not judged" in judged.notes) == (
+        "not judged",
+        (),
+        True,
+    )
+    assert 0.2 < judged.share < 0.5
+
+
 # ---- drift -----------------------------------------------------------------------------------------------------------
 
 
@@ -400,7 +422,7 @@ def test_a_slow_change_is_drift_before_it_is_an_alarm(model: TrainedModel, tmp_p
     dead = DriftMonitor.of(model.columns, model.calibration)
     for _ in range(5):
         dead.add(np.full(len(model.columns), np.nan))
-    assert dead.drifting == model.columns  # what is no number is not known to be as before
+    assert (dead.drifting, dead.sums.any()) == ((), False)  # what is no number is neither as before nor drifting
     monitor = DriftMonitor.of(model.columns, model.calibration)
     levels, deviations = np.array(model.calibration.levels), np.array(model.calibration.deviations)
     for run in range(60):

@@ -309,12 +309,21 @@ def test_a_threshold_of_zero_or_less_of_which_no_part_is_below_is_refused() -> N
     assert alarms.threshold == (1.0,)
 
 
-def test_a_loss_that_is_no_number_raises_the_alarm_and_hides_no_other_channel() -> None:
-    alarms = Threshold(threshold=[1.0, 1.0], names=["elbow", "wrist"])
-    loss = np.array([[0.5, 0.5], [np.nan, 0.5], [0.5, 0.5], [np.nan, 3.0]])
-    found = alarms.execute({"Loss": Samples(loss, np.arange(4.0))})
-    np.testing.assert_array_equal(found["active"].values, [False, True, False, True])
-    assert found["name"].values.tolist() == [["elbow"], ["elbow"]]
+def test_a_loss_that_is_no_number_is_not_judged_and_hides_no_other_channel() -> None:
+    alarms, reports = Threshold(threshold=[1.0, 1.0], names=["elbow", "wrist"]), list[str]()
+    alarms.report = reports.append
+    nan = np.nan
+    loss = np.array([[0.5, 0.5], [nan, 0.5], [0.5, 0.5], [nan, 3.0], [nan, 0.5], [nan, nan], [0.5, 0.5], [nan, 0.5]])
+    found = alarms.execute({"Loss": Samples(loss, np.arange(8.0))})
+    assert dict(zip(found["active"].stamps, found["active"].values, strict=True)) == {
+        0: False,
+        2: False,
+        3: True,
+        6: False,
+    }
+    assert found["name"].values.tolist() == [["wrist"]]
+    assert set(reports) == {"elbow is no number: not judged", "wrist is no number: not judged"}
+    assert len(alarms.execute({"Loss": Samples(loss[1:2], np.array([9.0]))})["active"]) == 0
 
 
 def test_thresholds_go_with_the_names_of_channels_in_whichever_order_these_come() -> None:

@@ -45,10 +45,12 @@ class DriftMonitor:
         return cls(tuple(names), levels, deviations, np.zeros(len(names)))
 
     def add(self, scores: Sequence[float] | Floats) -> tuple[str, ...]:
-        """Take the scores of one more run (channels,); return the channels that are drifting."""
+        """Take the scores of one more run (channels,); return the channels that are drifting.
+
+        A score that is no number says nothing: the sum of its channel stays.
+        """
         z = (np.log(np.maximum(np.asarray(scores, dtype=np.float64), LEAST)) - self.levels) / self.deviations
-        z[np.isnan(z)] = MOST  # what is no number is not known to be as before
-        self.sums = np.maximum(0.0, self.sums + np.minimum(z, MOST) - SLACK)
+        self.sums = np.where(np.isnan(z), self.sums, np.maximum(0.0, self.sums + np.minimum(z, MOST) - SLACK))
         self.runs += 1
         return self.drifting
 
@@ -123,6 +125,8 @@ class Drift(Processor):
                 self._end_run()
             if len(rows):
                 largest = values[rows].max(axis=0)
+                for channel in np.flatnonzero(np.isnan(largest)):
+                    self.report(f"{self.monitor.names[channel]} is no number: its run is not judged")
                 self._largest = largest if self._largest is None else np.maximum(self._largest, largest)
         self._last = float(samples.stamps[-1])
         drifting = self.monitor.drifting

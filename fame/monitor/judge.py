@@ -371,17 +371,19 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     scorer = Autoencoder(model, stride=stride)
     scorer.elements = run.samples.elements
     chain += [scorer, *([LowPass(cutoff=model.cutoff)] if model.cutoff else [])]
-    for processor in chain:
+    threshold = Threshold(threshold=model.thresholds, names=model.columns)
+    for processor in (*chain, threshold):
         processor.report = lambda text: notes.append(text) if text not in notes else None
     samples = run.samples
     empty = Samples(np.zeros((0, len(model.columns))), np.zeros(0))
     loss = processors.run(chain, {"x": samples}, FREQUENCY).get("loss", empty)
-    thresholds = np.array(model.thresholds)
-    threshold = Threshold(threshold=model.thresholds, names=model.columns)
-    active = processors.run([threshold], {"loss": loss}).get("active") if len(loss) else None
+    nothing = Samples(np.zeros(0), np.zeros(0))
+    active = processors.run([threshold], {"loss": loss}).get("active", nothing) if len(loss) else nothing
+    judged = np.isin(loss.stamps, active.stamps)
+    loss = loss.replace(np.nan_to_num(loss.values[judged], nan=0.0), loss.stamps[judged])  # of which others are above
     begin = float(samples.stamps[0]) if len(samples) else 0.0
-    stamps, ratios = loss.stamps - begin, loss.values / thresholds
-    events = spans(stamps, active.values if active is not None else np.zeros(0, dtype=bool), ratios, model.columns)
+    stamps, ratios = loss.stamps - begin, loss.values / np.array(model.thresholds)
+    events = spans(stamps, active.values, ratios, model.columns)
     elements = tuple((stamp - begin, name) for stamp, name in samples.elements)
     shown = Samples(samples.channels(), samples.stamps - begin, model.columns, elements)
     times = run_times(shown, shown.stamps, model.elements) if len(shown) else shown.stamps

@@ -18,8 +18,9 @@ class Threshold(Processor):
     """Raises an alarm when any channel exceeds its threshold; again only after all of them have come well below.
 
     `alarm`, `channel`, `name`, `loss`, `excess` have a sample per alarm: true, the channel that is farthest above its
-    threshold, its name (a list of one), its value, and that divided by the threshold. `active` has one per sample:
-    whether the alarm is set. A value that is no number is above every threshold.
+    threshold, its name (a list of one), its value, and that divided by the threshold. `active` has one per judged
+    sample: whether the alarm is set. A sample with a value that is no number is not judged, unless another channel is
+    above its threshold: it neither sets nor ends the alarm, and is reported.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -63,9 +64,13 @@ class Threshold(Processor):
             return None
         names, threshold = self._channels(samples)
         excess = samples.channels() / per_channel(threshold, samples.channels().shape, "threshold")
-        excess[np.isnan(excess)] = np.inf  # what is no number is not known to be below
+        unknown = np.isnan(excess)
+        for channel in np.flatnonzero(unknown.any(axis=0)):
+            self.report(f"{names[channel]} is no number: not judged")
+        excess[unknown] = -np.inf
         worst = excess.max(axis=1)
-        active = self._states(worst)
+        judged = ~unknown.any(axis=1) | (worst > 1)
+        active = self._states(worst, judged)
         rising = np.flatnonzero(active & ~np.concatenate(([self._active], active[:-1])))
         self._active = bool(active[-1])
         stamps, channel = samples.stamps[rising], excess[rising].argmax(axis=1)
@@ -77,7 +82,7 @@ class Threshold(Processor):
             "excess": worst[rising],
         }
         alarms = {name: Samples(values, stamps) for name, values in alarm.items()} if len(rising) else {}
-        return {**alarms, "active": Samples(active, samples.stamps)}
+        return {**alarms, "active": Samples(active[judged], samples.stamps[judged])}
 
     def _channels(self, samples: Samples) -> tuple[tuple[str, ...], tuple[float, ...]]:
         """Return names and thresholds of the channels. Data that name theirs are matched to `names`, in any order.
@@ -94,9 +99,9 @@ class Threshold(Processor):
             raise ValueError(f"names has {len(names)} texts, the data {width} channels")
         return names, self.threshold
 
-    def _states(self, worst: Any) -> Any:
+    def _states(self, worst: Any, judged: Any) -> Any:
         """Return the alarm after each sample: set above 1, cleared below the hysteresis, else as before."""
-        states = np.where(worst > 1, 1, np.where(worst <= 1 - self.hysteresis, 0, -1))
+        states = np.where(worst > 1, 1, np.where(judged & (worst <= 1 - self.hysteresis), 0, -1))
         states = np.concatenate(([int(self._active)], states))
         last = np.maximum.accumulate(np.where(states >= 0, np.arange(len(states)), 0))
         return states[last][1:].astype(bool)
