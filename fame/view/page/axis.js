@@ -2,11 +2,13 @@
 
 import { clock, css, h, isDark, sharp } from "./dom.js";
 
-const RULER = 22, OVERVIEW = 12;
+const RULER = 22;
+const OVERVIEW = 12;
 
 /** Marks of the ruler: round steps that leave room for their text. */
 export function step(span, width) {
-  const least = (span / Math.max(width, 1)) * 86, power = 10 ** Math.floor(Math.log10(least));
+  const least = (span / Math.max(width, 1)) * 86;
+  const power = 10 ** Math.floor(Math.log10(least));
   const found = [1, 2, 5, 10].map((times) => times * power).find((value) => value >= least);
   return Math.max(found, 1e6);
 }
@@ -19,10 +21,17 @@ export class Axis {
   }
 
   drawRuler() {
-    const key = [this.timeline.from, this.timeline.until, this.timeline.width, isDark(), window.devicePixelRatio].join();
+    const key = [
+      this.timeline.from,
+      this.timeline.until,
+      this.timeline.width,
+      isDark(),
+      window.devicePixelRatio,
+    ].join();
     if (key === this.rulerKey) return;
     this.rulerKey = key;
-    const context = sharp(this.ruler, this.timeline.width, RULER), each = step(this.timeline.until - this.timeline.from, this.timeline.width);
+    const context = sharp(this.ruler, this.timeline.width, RULER);
+    const each = step(this.timeline.until - this.timeline.from, this.timeline.width);
     context.clearRect(0, 0, this.timeline.width, RULER);
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "middle";
@@ -32,18 +41,26 @@ export class Axis {
       context.fillStyle = css("--line");
       context.fillRect(x, RULER - 6, 1, 6);
       context.fillStyle = css("--muted");
-      const seconds = at / 1e9, text = this.timeline.until < 120e9 ? `${seconds.toFixed(digits)} s` : clock(at).replace(/\.\d+$/, digits ? "$&" : "");
-      const wide = context.measureText(text).width, place = Math.min(Math.max(x - wide / 2, 0), this.timeline.width - wide);
+      const seconds = at / 1e9;
+      const text =
+        this.timeline.until < 120e9 ? `${seconds.toFixed(digits)} s` : clock(at).replace(/\.\d+$/, digits ? "$&" : "");
+      const wide = context.measureText(text).width;
+      const place = Math.min(Math.max(x - wide / 2, 0), this.timeline.width - wide);
       context.fillText(text, place, 8);
     }
   }
 
   /** Count what happened when, unless that is known. */
   measure() {
-    const { timeline } = this, { store } = timeline.app, { start } = store, end = timeline.reach, known = this.density;
+    const { timeline } = this;
+    const { store } = timeline.app;
+    const { start } = store;
+    const end = timeline.reach;
+    const known = this.density;
     const same = known !== undefined && known.width === timeline.width && known.dark === isDark();
     if (same && (known.version === store.version || performance.now() < known.pause)) return; // a long run is being loaded: not for each of its blocks
-    const begun = performance.now(), values = this.densities(start, end, timeline.width);
+    const begun = performance.now();
+    const values = this.densities(start, end, timeline.width);
     this.strip ??= document.createElement("canvas");
     const pen = sharp(this.strip, timeline.width, OVERVIEW);
     pen.clearRect(0, 0, timeline.width, OVERVIEW);
@@ -53,11 +70,21 @@ export class Axis {
     values.forEach((value, x) => {
       if (value > 0) pen.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
     });
-    this.density = { version: store.version, width: timeline.width, dark: isDark(), end, pause: begun + Math.min(2000, 20 * (performance.now() - begun)) };
+    this.density = {
+      version: store.version,
+      width: timeline.width,
+      dark: isDark(),
+      end,
+      pause: begun + Math.min(2000, 20 * (performance.now() - begun)),
+    };
   }
 
   drawOverview(time) {
-    const { timeline, density } = this, { width } = timeline, { start } = timeline.app.store, end = timeline.reach, x = (at) => ((at - start) / (end - start)) * width;
+    const { timeline, density } = this;
+    const { width } = timeline;
+    const { start } = timeline.app.store;
+    const end = timeline.reach;
+    const x = (at) => ((at - start) / (end - start)) * width;
     if (density === undefined) return;
     const key = [end, width, isDark(), timeline.from, timeline.until, Math.round(x(time)), density.version].join();
     if (key === this.overviewKey) return;
@@ -65,7 +92,8 @@ export class Axis {
     const context = sharp(this.overview, width, OVERVIEW);
     context.clearRect(0, 0, width, OVERVIEW);
     context.drawImage(this.strip, 0, 0, x(density.end), OVERVIEW); // a run that lasts may have grown since
-    const left = x(timeline.from), right = x(timeline.until);
+    const left = x(timeline.from);
+    const right = x(timeline.until);
     context.strokeStyle = css("--accent");
     context.lineWidth = 1.5;
     if (!timeline.whole) context.strokeRect(left + 0.75, 1, Math.max(3, right - left) - 1.5, OVERVIEW - 2);
@@ -75,12 +103,16 @@ export class Axis {
 
   /** How much happened when, 0 to 1, for each pixel. What a block adds is counted once. */
   densities(start, end, width) {
-    const values = new Float32Array(Math.ceil(width)), last = values.length - 1, part = width / (end - start), place = [start, end, width].join();
+    const values = new Float32Array(Math.ceil(width));
+    const last = values.length - 1;
+    const part = width / (end - start);
+    const place = [start, end, width].join();
     for (const { data } of this.timeline.app.store.blocks) {
       const times = data?.columns.t ?? [];
       if (!times.length) continue;
       if (data.density?.place !== place || data.density.length !== times.length) {
-        const first = Math.min(last, Math.floor((times[0] - start) * part)), counts = [];
+        const first = Math.min(last, Math.floor((times[0] - start) * part));
+        const counts = [];
         for (const time of times) {
           const x = Math.min(last, Math.floor((time - start) * part)) - first;
           counts[x] = (counts[x] ?? 0) + 1;
@@ -88,7 +120,9 @@ export class Axis {
         data.density = { place, length: times.length, first, counts };
       }
       const { first, counts } = data.density;
-      counts.forEach((count, x) => { values[first + x] += count; });
+      counts.forEach((count, x) => {
+        values[first + x] += count;
+      });
     }
     const most = Math.log1p(values.reduce((a, b) => Math.max(a, b), 1));
     return values.map((value) => Math.log1p(value) / most);

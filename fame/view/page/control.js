@@ -26,11 +26,15 @@ export class Control {
   }
 
   update() {
-    const { can, status } = this, key = JSON.stringify([[...can], status, this.app.player.time === this.app.store.end]);
+    const { can, status } = this;
+    const key = JSON.stringify([[...can], status, this.app.player.time === this.app.store.end]);
     if (key === this.key) return;
     this.key = key;
     if (status?.failure || (status && status.repeats !== null && status.repeats !== undefined)) {
-      renew(this.root, status.failure ? h("span", { cls: "failure", role: "alert" }, status.failure) : this.progress(status));
+      renew(
+        this.root,
+        status.failure ? h("span", { cls: "failure", role: "alert" }, status.failure) : this.progress(status),
+      );
       return;
     }
     if (!can.size || status?.over) {
@@ -38,7 +42,8 @@ export class Control {
       return;
     }
     const parts = [];
-    if (can.has("signal")) parts.push(h("button", { cls: "text", onclick: () => this.signal() }, icon("send"), "Signal"));
+    if (can.has("signal"))
+      parts.push(h("button", { cls: "text", onclick: () => this.signal() }, icon("send"), "Signal"));
     if (can.has("set")) parts.push(h("button", { cls: "text", onclick: () => this.set() }, "Set"));
     if (can.has("fault")) parts.push(h("button", { cls: "text", onclick: () => this.fault() }, icon("bolt"), "Fault"));
     if (can.has("branch")) parts.push(this.branchButton());
@@ -48,20 +53,39 @@ export class Control {
 
   /** How far the repetition of a recorded run has come. */
   progress({ time, repeats }) {
-    return [h("progress", { max: repeats, value: time, "aria-label": "Repeated so far" }),
-      h("span", { cls: "quiet" }, `Repeating the run: ${(time / 1e9).toFixed(1)} of ${(repeats / 1e9).toFixed(1)} s`)];
+    return [
+      h("progress", { max: repeats, value: time, "aria-label": "Repeated so far" }),
+      h("span", { cls: "quiet" }, `Repeating the run: ${(time / 1e9).toFixed(1)} of ${(repeats / 1e9).toFixed(1)} s`),
+    ];
   }
 
   branchButton() {
-    return h("button", { cls: "text", title: "Repeat the run up to the cursor, and continue it differently from there", onclick: () => this.branch() }, icon("branch"), "Branch here");
+    return h(
+      "button",
+      {
+        cls: "text",
+        title: "Repeat the run up to the cursor, and continue it differently from there",
+        onclick: () => this.branch(),
+      },
+      icon("branch"),
+      "Branch here",
+    );
   }
 
   /** Ask whether to run what the recording names; its tab opens at once, and shows how far it has come. */
   async branch() {
-    const command = { do: "branch", time: this.app.player.time }, found = await this.send(command);
+    const command = { do: "branch", time: this.app.player.time };
+    const found = await this.send(command);
     if (!found) return;
-    const files = h("ul", { cls: "files" }, found.files.map(([path, state]) => h("li", null, path, h("br"), h("small", { cls: "quiet" }, state))));
-    const agreed = await ask("Run these files?", [], found.changed ? "Run although they differ" : "Run", [h("p", null, "The recording names: ", h("code", null, found.command)), files]);
+    const files = h(
+      "ul",
+      { cls: "files" },
+      found.files.map(([path, state]) => h("li", null, path, h("br"), h("small", { cls: "quiet" }, state))),
+    );
+    const agreed = await ask("Run these files?", [], found.changed ? "Run although they differ" : "Run", [
+      h("p", null, "The recording names: ", h("code", null, found.command)),
+      files,
+    ]);
     if (agreed) await this.openTab({ ...command, yes: true, changed: found.changed });
   }
 
@@ -90,25 +114,76 @@ export class Control {
 
   /** A signal: its topic, then the fields of its type. */
   async signal() {
-    const { mission } = this.app, topics = [...new Set(mission.elements.flatMap((element) => (element.topics ?? []).map(([topic]) => topic)))].sort();
-    const found = await ask("Send a signal", [{ key: "topic", label: "Topic", kind: "select", options: topics.map((topic) => [topic, topic]), value: topics[0] }], "Next");
+    const { mission } = this.app;
+    const topics = [
+      ...new Set(mission.elements.flatMap((element) => (element.topics ?? []).map(([topic]) => topic))),
+    ].sort();
+    const found = await ask(
+      "Send a signal",
+      [
+        {
+          key: "topic",
+          label: "Topic",
+          kind: "select",
+          options: topics.map((topic) => [topic, topic]),
+          value: topics[0],
+        },
+      ],
+      "Next",
+    );
     if (!found) return;
-    const robot = found.topic.startsWith("~/") ? [{ key: "/robot", label: "Robot", kind: "select", options: this.robots(), value: this.chosenRobot() ?? mission.robots[0]?.name }] : [];
-    const fields = mission.types?.[found.topic] ?? [], values = robot.length + fields.length ? await ask(found.topic, [...robot, ...fields], "Send") : {};
+    const robot = found.topic.startsWith("~/")
+      ? [
+          {
+            key: "/robot",
+            label: "Robot",
+            kind: "select",
+            options: this.robots(),
+            value: this.chosenRobot() ?? mission.robots[0]?.name,
+          },
+        ]
+      : [];
+    const fields = mission.types?.[found.topic] ?? [];
+    const values = robot.length + fields.length ? await ask(found.topic, [...robot, ...fields], "Send") : {};
     if (!values) return;
     const { "": { robot: name } = {}, ...message } = values;
     this.send({ do: "signal", topic: found.topic, robot: name, value: fields.length ? JSON.stringify(message) : "" });
   }
 
   async set() {
-    const found = await ask("Set a variable", [{ key: "robot", label: "Robot", kind: "select", options: this.robots(), value: this.chosenRobot() ?? this.app.mission.robots[0]?.name },
-      { key: "name", label: "Name", required: true, pattern: "[^\\W\\d]\\w*" }, { key: "value", label: "Value", kind: "value", required: true, hint: "12.5, true, a text, [1, 2]" }], "Set");
+    const found = await ask(
+      "Set a variable",
+      [
+        {
+          key: "robot",
+          label: "Robot",
+          kind: "select",
+          options: this.robots(),
+          value: this.chosenRobot() ?? this.app.mission.robots[0]?.name,
+        },
+        { key: "name", label: "Name", required: true, pattern: "[^\\W\\d]\\w*" },
+        { key: "value", label: "Value", kind: "value", required: true, hint: "12.5, true, a text, [1, 2]" },
+      ],
+      "Set",
+    );
     if (found) this.send({ do: "set", robot: found.robot, name: found.name, value: JSON.stringify(found.value) });
   }
 
   async fault() {
     const faults = this.app.mission.faults ?? [];
-    const found = await ask("Inject a fault", [{ key: "fault", label: "Robot and part", kind: "select", options: faults.map((fault) => [fault, fault.join(": ")]), value: faults[0] }], "Inject");
+    const found = await ask(
+      "Inject a fault",
+      [
+        {
+          key: "fault",
+          label: "Robot and part",
+          kind: "select",
+          options: faults.map((fault) => [fault, fault.join(": ")]),
+          value: faults[0],
+        },
+      ],
+      "Inject",
+    );
     if (found) this.send({ do: "fault", robot: found.fault[0], kind: found.fault[1] });
   }
 
@@ -116,6 +191,14 @@ export class Control {
   forElement(number) {
     if (!this.can.has("breakpoint") || this.status?.over) return null;
     const on = this.app.breakpoints.has(number);
-    return h("button", { cls: "text", "aria-pressed": String(on), onclick: () => this.send({ do: "breakpoint", element: number, on: !on }) }, on ? "Remove breakpoint" : "Breakpoint");
+    return h(
+      "button",
+      {
+        cls: "text",
+        "aria-pressed": String(on),
+        onclick: () => this.send({ do: "breakpoint", element: number, on: !on }),
+      },
+      on ? "Remove breakpoint" : "Breakpoint",
+    );
   }
 }

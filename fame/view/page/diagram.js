@@ -5,14 +5,54 @@ import { Names, Pins } from "./names.js";
 import { TAKE, after } from "./store.js";
 import { Viewport } from "./viewport.js";
 
-const TAGS = new Set(["svg", "g", "rect", "circle", "ellipse", "path", "polygon", "polyline", "line", "text", "tspan", "title"]);
-const ATTRIBUTES = new Set(["x", "y", "width", "height", "rx", "ry", "cx", "cy", "r", "d", "points", "transform", "fill", "stroke",
-  "stroke-width", "stroke-dasharray", "stroke-linecap", "stroke-linejoin", "font-size", "font-family", "text-anchor", "paint-order", "viewBox"]);
+const TAGS = new Set([
+  "svg",
+  "g",
+  "rect",
+  "circle",
+  "ellipse",
+  "path",
+  "polygon",
+  "polyline",
+  "line",
+  "text",
+  "tspan",
+  "title",
+]);
+const ATTRIBUTES = new Set([
+  "x",
+  "y",
+  "width",
+  "height",
+  "rx",
+  "ry",
+  "cx",
+  "cy",
+  "r",
+  "d",
+  "points",
+  "transform",
+  "fill",
+  "stroke",
+  "stroke-width",
+  "stroke-dasharray",
+  "stroke-linecap",
+  "stroke-linejoin",
+  "font-size",
+  "font-family",
+  "text-anchor",
+  "paint-order",
+  "viewBox",
+]);
 const THEMED = { "#22242a": "var(--ink)", "#ffffff": "var(--sheet)", white: "var(--sheet)", "#d9d9dd": "var(--band)" };
 const SIGNS = {
-  completed: "M-3.200 .2L-.9 2.600L3.200-2.600", failed: "M-2.700-2.700L2.700 2.700M-2.700 2.700L2.700-2.700",
-  cancelled: "M-2.100 2.100L2.100-2.100M3 0A3 3 0 1 1-3 0A3 3 0 1 1 3 0", waiting: "M-1.700-3V3M1.700-3V3",
-  error: "M0-3.500V.6M0 3.100V3.200", warning: "M0-3.500V.6M0 3.100V3.200", note: "M0-.8V3.200M0-3.400V-3.300",
+  completed: "M-3.200 .2L-.9 2.600L3.200-2.600",
+  failed: "M-2.700-2.700L2.700 2.700M-2.700 2.700L2.700-2.700",
+  cancelled: "M-2.100 2.100L2.100-2.100M3 0A3 3 0 1 1-3 0A3 3 0 1 1 3 0",
+  waiting: "M-1.700-3V3M1.700-3V3",
+  error: "M0-3.500V.6M0 3.100V3.200",
+  warning: "M0-3.500V.6M0 3.100V3.200",
+  note: "M0-.8V3.200M0-3.400V-3.300",
 };
 const OUTCOMES = ["completed", "failed", "cancelled"];
 const READABLE = 0.92; // a scale at which everything can be read
@@ -36,7 +76,8 @@ function imported(node) {
 
 function length(points) {
   let sum = 0;
-  for (let at = 1; at < points.length; at += 1) sum += Math.hypot(points[at][0] - points[at - 1][0], points[at][1] - points[at - 1][1]);
+  for (let at = 1; at < points.length; at += 1)
+    sum += Math.hypot(points[at][0] - points[at - 1][0], points[at][1] - points[at - 1][1]);
   return sum;
 }
 
@@ -44,7 +85,9 @@ function length(points) {
 function along(points, part) {
   let left = part * length(points);
   for (let at = 1; at < points.length; at += 1) {
-    const [ax, ay] = points[at - 1], [bx, by] = points[at], far = Math.hypot(bx - ax, by - ay);
+    const [ax, ay] = points[at - 1];
+    const [bx, by] = points[at];
+    const far = Math.hypot(bx - ax, by - ay);
     if (far >= left && far > 0) return [ax + ((bx - ax) * left) / far, ay + ((by - ay) * left) / far];
     left -= far;
   }
@@ -63,10 +106,13 @@ export class Diagram {
     this.lit = new Set(); // flows that are taken at the instant shown
     this.shown = undefined; // that instant
     this.crumbs = h("nav", { cls: "crumbs", "aria-label": "Breadcrumb" });
-    this.tools = h("div", { cls: "tools" },
+    this.tools = h(
+      "div",
+      { cls: "tools" },
       h("button", { title: "Zoom in", onclick: () => this.view.zoom(1.3) }, icon("plus")),
       h("button", { title: "Zoom out", onclick: () => this.view.zoom(1 / 1.3) }, icon("minus")),
-      h("button", { title: "Fit the diagram (F)", onclick: () => this.view.fit() }, icon("fit")));
+      h("button", { title: "Fit the diagram (F)", onclick: () => this.view.fit() }, icon("fit")),
+    );
     this.paper = s("svg", { cls: "paper", tabindex: 0, role: "img", "aria-label": "Diagram" });
     this.sheet = s("g");
     this.paper.append(this.sheet);
@@ -81,10 +127,30 @@ export class Diagram {
   }
 
   explain() {
-    const mark = (name, text) => h("span", null, s("svg", { viewBox: "-9 -9 18 18", cls: `sign ${name}`, "aria-hidden": "true" },
-      s("circle", { r: 8 }), s("path", { d: SIGNS[name] })), text);
-    show(this.legend, h("span", null, s("svg", { viewBox: "-9 -9 18 18", cls: "sign token", "aria-hidden": "true" }, s("circle", { r: 6.5 })), "token"),
-      mark("completed", "completed"), mark("failed", "failed"), mark("cancelled", "cancelled"));
+    const mark = (name, text) =>
+      h(
+        "span",
+        null,
+        s(
+          "svg",
+          { viewBox: "-9 -9 18 18", cls: `sign ${name}`, "aria-hidden": "true" },
+          s("circle", { r: 8 }),
+          s("path", { d: SIGNS[name] }),
+        ),
+        text,
+      );
+    show(
+      this.legend,
+      h(
+        "span",
+        null,
+        s("svg", { viewBox: "-9 -9 18 18", cls: "sign token", "aria-hidden": "true" }, s("circle", { r: 6.5 })),
+        "token",
+      ),
+      mark("completed", "completed"),
+      mark("failed", "failed"),
+      mark("cancelled", "cancelled"),
+    );
   }
 
   /** The content is at a place and scale: names, badges and pins are those that can be read there. */
@@ -107,10 +173,18 @@ export class Diagram {
 
   /** Zoom to the pool of the chosen robot, around what it does; without one, to all. */
   focus(glides = true) {
-    const { robot, element } = this.app.selected, { current } = this, part = current?.shapes.get(this.app.mission.robots[robot]?.pool);
-    const held = [element, ...[...this.app.state?.tokens.values() ?? []].filter((token) => token.r === robot).map((token) => token.e)];
+    const { robot, element } = this.app.selected;
+    const { current } = this;
+    const part = current?.shapes.get(this.app.mission.robots[robot]?.pool);
+    const held = [
+      element,
+      ...[...(this.app.state?.tokens.values() ?? [])].filter((token) => token.r === robot).map((token) => token.e),
+    ];
     const box = held.map((one) => current?.shapes.get(one)).find((one) => one && one !== part);
-    this.view.focus(part ? { part, least: READABLE, about: box && [box[0] + box[2] / 2, box[1] + box[3] / 2] } : {}, glides);
+    this.view.focus(
+      part ? { part, least: READABLE, about: box && [box[0] + box[2] / 2, box[1] + box[3] / 2] } : {},
+      glides,
+    );
   }
 
   /** Show a plane; `opener` is the call activity or sub-process that leads there. */
@@ -122,7 +196,8 @@ export class Diagram {
 
   /** Show the plane that an element is on, as inside `openers`. */
   async reveal(element, openers = []) {
-    const { elements } = this.app.mission, plane = elements[element]?.plane ?? -1;
+    const { elements } = this.app.mission;
+    const plane = elements[element]?.plane ?? -1;
     if (plane < 0) return;
     const trail = [[this.home(), -1]];
     for (const opener of openers) {
@@ -146,8 +221,11 @@ export class Diagram {
 
   /** Where a robot ran other models before or afterwards: show the one of this time. */
   follow() {
-    const root = this.trail[0]?.[0], { robots } = this.app.mission;
-    const robot = robots.findIndex(({ planes = [] }) => planes.length > 1 && planes.some(([, plane]) => plane === root));
+    const root = this.trail[0]?.[0];
+    const { robots } = this.app.mission;
+    const robot = robots.findIndex(
+      ({ planes = [] }) => planes.length > 1 && planes.some(([, plane]) => plane === root),
+    );
     if (robot >= 0 && !robots.some((one, r) => this.planeOf(r) === root)) this.ofRobot(robot);
   }
 
@@ -168,7 +246,10 @@ export class Diagram {
   async draw(number) {
     const { planes } = this.app.mission;
     if (number < 0 || planes[number] === undefined) {
-      this.nothing("This model has no diagram", "Draw it in Camunda Modeler or another BPMN tool: the file has the process, but no shapes.");
+      this.nothing(
+        "This model has no diagram",
+        "Draw it in Camunda Modeler or another BPMN tool: the file has the process, but no shapes.",
+      );
       return;
     }
     let plane = this.planes.get(number);
@@ -206,8 +287,10 @@ export class Diagram {
       if (made !== null && !(made.localName === "rect" && made.getAttribute("width") === "100%")) drawing.append(made);
     }
     const byId = new Map();
-    for (const group of drawing.querySelectorAll("[data-id]")) if (!byId.has(group.dataset.id)) byId.set(group.dataset.id, group);
-    const groups = new Map(), { elements } = this.app.mission;
+    for (const group of drawing.querySelectorAll("[data-id]"))
+      if (!byId.has(group.dataset.id)) byId.set(group.dataset.id, group);
+    const groups = new Map();
+    const { elements } = this.app.mission;
     for (const number of [...Object.keys(data.shapes), ...Object.keys(data.edges)]) {
       const group = byId.get(elements[number]?.id);
       if (group === undefined) continue;
@@ -220,29 +303,64 @@ export class Diagram {
       const element = elements[number];
       if (element?.inside !== undefined && element.inside >= 0) groups.get(Number(number))?.classList.add("opens");
     }
-    for (const [number, group] of groups) if (!group.classList.contains("frame")) group.append(s("title", null, elements[number]?.name || elements[number]?.id || ""));
+    for (const [number, group] of groups)
+      if (!group.classList.contains("frame"))
+        group.append(s("title", null, elements[number]?.name || elements[number]?.id || ""));
     const shapes = new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box]));
-    const [, ...shift] = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(drawing.firstElementChild?.getAttribute("transform")) ?? [0, 0, 0];
+    const [, ...shift] = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(
+      drawing.firstElementChild?.getAttribute("transform"),
+    ) ?? [0, 0, 0];
     const pins = new Pins({ groups, shapes });
-    return { drawing, groups, shapes, pins, names: new Names({ drawing, groups, shapes, pins, shift: shift.map((one) => -one) }), level: Infinity, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
-      edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])), classes: new Map(), marks: new Map(), shown: "" };
+    return {
+      drawing,
+      groups,
+      shapes,
+      pins,
+      names: new Names({ drawing, groups, shapes, pins, shift: shift.map((one) => -one) }),
+      level: Infinity,
+      under: s("g", { cls: "under" }),
+      over: s("g", { cls: "over" }),
+      width: data.width,
+      height: data.height,
+      edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])),
+      classes: new Map(),
+      marks: new Map(),
+      shown: "",
+    };
   }
 
   path() {
     const { planes, elements } = this.app.mission;
-    show(this.crumbs, this.trail.flatMap(([number, opener], place) => {
-      const text = opener >= 0 ? elements[opener].name || elements[opener].id : planes[number]?.title ?? "";
-      const here = place === this.trail.length - 1;
-      const link = here ? h("strong", null, text) : h("button", { onclick: () => { this.trail.length = place + 1; this.draw(number); } }, text);
-      return place > 0 ? [h("span", { "aria-hidden": "true" }, "›"), link] : [link];
-    }));
+    show(
+      this.crumbs,
+      this.trail.flatMap(([number, opener], place) => {
+        const text = opener >= 0 ? elements[opener].name || elements[opener].id : (planes[number]?.title ?? "");
+        const here = place === this.trail.length - 1;
+        const link = here
+          ? h("strong", null, text)
+          : h(
+              "button",
+              {
+                onclick: () => {
+                  this.trail.length = place + 1;
+                  this.draw(number);
+                },
+              },
+              text,
+            );
+        return place > 0 ? [h("span", { "aria-hidden": "true" }, "›"), link] : [link];
+      }),
+    );
   }
 
   clicked(event) {
     const group = event.target.closest?.("[data-element]");
     const element = group === null ? -1 : Number(group.dataset.element);
-    this.app.select({ element: group !== null && !/^(participant|element)$/.test(this.app.mission.elements[element]?.tag) ? element : -1,
-      robot: this.robotOf(element) ?? this.app.selected.robot });
+    this.app.select({
+      element:
+        group !== null && !/^(participant|element)$/.test(this.app.mission.elements[element]?.tag) ? element : -1,
+      robot: this.robotOf(element) ?? this.app.selected.robot,
+    });
   }
 
   /** The robot of a pool that was clicked, if it has one. */
@@ -256,7 +374,8 @@ export class Diagram {
   opened(event) {
     const group = event.target.closest?.("[data-element]");
     if (group === null) return;
-    const element = Number(group.dataset.element), inside = this.app.mission.elements[element]?.inside;
+    const element = Number(group.dataset.element);
+    const inside = this.app.mission.elements[element]?.inside;
     if (inside !== undefined && inside >= 0) this.open(inside, element);
   }
 
@@ -269,9 +388,11 @@ export class Diagram {
     const plane = this.current;
     if (plane === undefined) return;
     plane.drawing.classList.toggle("flows", flows);
-    const { robot } = this.app.selected, opener = this.trail.at(-1)?.[1] ?? -1;
+    const { robot } = this.app.selected;
+    const opener = this.trail.at(-1)?.[1] ?? -1;
     const wanted = (r, s) => (robot < 0 || r === robot) && (opener < 0 || state.openers(r, s).includes(opener));
-    const tokens = new Map(), counts = new Map();
+    const tokens = new Map();
+    const counts = new Map();
     if (state !== null) {
       for (const token of state.tokens.values()) {
         if (!plane.shapes.has(token.e) || !wanted(token.r, token.s)) continue;
@@ -279,7 +400,8 @@ export class Diagram {
         tokens.get(token.e).push(token);
       }
       for (const [key, [done, failed, cancelled]] of state.counts) {
-        const r = Math.floor(key / 1048576), e = key % 1048576;
+        const r = Math.floor(key / 1048576);
+        const e = key % 1048576;
         if (robot >= 0 && r !== robot) continue;
         if (!plane.groups.has(e)) continue;
         const sum = counts.get(e) ?? [0, 0, 0];
@@ -300,51 +422,93 @@ export class Diagram {
   }
 
   mark(plane, tokens, counts) {
-    const { element } = this.app.selected, { named } = this.app.timeline.properties;
+    const { element } = this.app.selected;
+    const { named } = this.app.timeline.properties;
     for (const [number, group] of plane.groups) {
       const [done, failed, cancelled] = counts.get(number) ?? [0, 0, 0];
       const outcome = failed ? "failed" : done ? "completed" : cancelled ? "cancelled" : "";
       const classes = `${outcome && `is-${outcome}`} ${tokens.has(number) ? "is-active" : ""} ${number === element ? "is-chosen" : ""} ${
-        this.app.breakpoints.has(number) ? "has-breakpoint" : ""} ${named.has(number) ? "is-named" : ""}`;
+        this.app.breakpoints.has(number) ? "has-breakpoint" : ""
+      } ${named.has(number) ? "is-named" : ""}`;
       if (plane.classes.get(number) === classes) continue;
       plane.classes.set(number, classes);
-      group.classList.remove("is-failed", "is-completed", "is-cancelled", "is-active", "is-chosen", "has-breakpoint", "is-named");
+      group.classList.remove(
+        "is-failed",
+        "is-completed",
+        "is-cancelled",
+        "is-active",
+        "is-chosen",
+        "has-breakpoint",
+        "is-named",
+      );
       group.classList.add(...classes.split(" ").filter(Boolean));
     }
   }
 
   badges(plane, tokens, counts) {
-    const shown = [], text = [];
+    const shown = [];
+    const text = [];
     for (const [number, box] of plane.shapes) {
-      const sum = counts.get(number), held = tokens.get(number), findings = this.app.findingsOf(number);
+      const sum = counts.get(number);
+      const held = tokens.get(number);
+      const findings = this.app.findingsOf(number);
       if (plane.groups.get(number)?.classList.contains("frame") && !held && !findings) continue;
       if (sum === undefined && held === undefined && findings === undefined) continue;
       shown.push([number, box, sum, held, findings]);
-      text.push(`${number}:${sum ?? ""}:${held?.map((token) => `${token.r}x${token.n}`) ?? ""}:${findings?.length ?? ""}`);
+      text.push(
+        `${number}:${sum ?? ""}:${held?.map((token) => `${token.r}x${token.n}`) ?? ""}:${findings?.length ?? ""}`,
+      );
     }
-    const { theme } = document.documentElement.dataset, look = `${theme}|${plane.level}`, key = `${text.join(";")}|${look}`;
+    const { theme } = document.documentElement.dataset;
+    const look = `${theme}|${plane.level}`;
+    const key = `${text.join(";")}|${look}`;
     if (plane.shown === key) return;
     plane.shown = key;
     const marks = new Map();
     shown.forEach(([number, box, sum, held, findings], place) => {
-      const kept = plane.marks.get(number), own = `${text[place]}|${look}`;
-      marks.set(number, kept?.key === own ? kept : { key: own, nodes: [...(sum !== undefined ? this.outcomes(box, sum) : []), ...(held !== undefined ? this.discs(box, held) : []),
-        ...(findings !== undefined ? [this.finding(box, findings)] : [])] });
+      const kept = plane.marks.get(number);
+      const own = `${text[place]}|${look}`;
+      marks.set(
+        number,
+        kept?.key === own
+          ? kept
+          : {
+              key: own,
+              nodes: [
+                ...(sum !== undefined ? this.outcomes(box, sum) : []),
+                ...(held !== undefined ? this.discs(box, held) : []),
+                ...(findings !== undefined ? [this.finding(box, findings)] : []),
+              ],
+            },
+      );
     });
     plane.marks = marks;
-    arrange(plane.under, [...marks.values()].flatMap((mark) => mark.nodes));
+    arrange(
+      plane.under,
+      [...marks.values()].flatMap((mark) => mark.nodes),
+    );
   }
 
   outcomes([x, y, width], sum) {
-    const found = [], { grow } = this;
+    const found = [];
+    const { grow } = this;
     if (grow > 1 && 50 * grow > width) return found; // the name needs the room; the colour says it too
     let right = x + width + 9;
     for (const outcome of [1, 2, 0]) {
       if (sum[outcome] <= 0) continue;
-      const name = OUTCOMES[outcome], text = String(sum[outcome]), wide = 19 + 6 * text.length;
-      found.push(s("g", { cls: `badge ${name}`, transform: `translate(${right - wide * grow} ${y}) scale(${grow})` }, s("title", null, `${name}: ${text}`),
-        s("rect", { x: 0, y: -8, width: wide, height: 16, rx: 8 }), s("path", { d: SIGNS[name], transform: "translate(8.500 0)" }),
-        s("text", { x: 15, y: 3.6 }, text)));
+      const name = OUTCOMES[outcome];
+      const text = String(sum[outcome]);
+      const wide = 19 + 6 * text.length;
+      found.push(
+        s(
+          "g",
+          { cls: `badge ${name}`, transform: `translate(${right - wide * grow} ${y}) scale(${grow})` },
+          s("title", null, `${name}: ${text}`),
+          s("rect", { x: 0, y: -8, width: wide, height: 16, rx: 8 }),
+          s("path", { d: SIGNS[name], transform: "translate(8.500 0)" }),
+          s("text", { x: 15, y: 3.6 }, text),
+        ),
+      );
       right -= (wide + 2) * grow;
     }
     return found;
@@ -353,32 +517,57 @@ export class Diagram {
   discs([x, y, width, height], held) {
     const byRobot = new Map();
     for (const token of held) byRobot.set(token.r, (byRobot.get(token.r) ?? 0) + token.n);
-    const small = width <= 40, robots = [...byRobot], most = Math.max(3, Math.floor(5 / this.grow)), shown = robots.slice(0, most);
+    const small = width <= 40;
+    const robots = [...byRobot];
+    const most = Math.max(3, Math.floor(5 / this.grow));
+    const shown = robots.slice(0, most);
     return shown.map(([r, n], place) => {
-      const cx = small ? x + width / 2 + (place - (shown.length - 1) / 2) * 15 * this.grow : x + 3 + place * 17 * this.grow;
-      return this.disc(r, n, cx, small ? y + height + 3 : y + height - 2, place === most - 1 && robots.length > most ? `+${robots.length - most + 1}` : "");
+      const cx = small
+        ? x + width / 2 + (place - (shown.length - 1) / 2) * 15 * this.grow
+        : x + 3 + place * 17 * this.grow;
+      return this.disc(
+        r,
+        n,
+        cx,
+        small ? y + height + 3 : y + height - 2,
+        place === most - 1 && robots.length > most ? `+${robots.length - most + 1}` : "",
+      );
     });
   }
 
   disc(r, n, x, y, text = "") {
-    const { robots } = this.app.mission, label = text || (n > 1 ? `×${n}` : numeral(robots[r]?.name ?? ""));
-    return s("g", { cls: "disc", transform: `translate(${x} ${y}) scale(${this.grow})`, "data-robot": r }, s("title", null, `${robots[r]?.name}: ${n} token${n > 1 ? "s" : ""}`),
-      s("circle", { r: 8, fill: robotColour(r) }), label ? s("text", { y: 3.6 }, label) : s("circle", { cls: "core", r: 2.6 }));
+    const { robots } = this.app.mission;
+    const label = text || (n > 1 ? `×${n}` : numeral(robots[r]?.name ?? ""));
+    return s(
+      "g",
+      { cls: "disc", transform: `translate(${x} ${y}) scale(${this.grow})`, "data-robot": r },
+      s("title", null, `${robots[r]?.name}: ${n} token${n > 1 ? "s" : ""}`),
+      s("circle", { r: 8, fill: robotColour(r) }),
+      label ? s("text", { y: 3.6 }, label) : s("circle", { cls: "core", r: 2.6 }),
+    );
   }
 
   finding([x, y], findings) {
     const worst = ["error", "warning", "note"].find((severity) => findings.some((one) => one.severity === severity));
-    return s("g", { cls: `badge ${worst}`, transform: `translate(${x} ${y}) scale(${this.grow})` }, s("title", null, findings.map((one) => one.text).join("\n")),
-      worst === "warning" ? s("path", { cls: "plate", d: "M0-9L9 7H-9Z" }) : s("circle", { r: 8 }), s("path", { d: SIGNS[worst] }));
+    return s(
+      "g",
+      { cls: `badge ${worst}`, transform: `translate(${x} ${y}) scale(${this.grow})` },
+      s("title", null, findings.map((one) => one.text).join("\n")),
+      worst === "warning" ? s("path", { cls: "plate", d: "M0-9L9 7H-9Z" }) : s("circle", { r: 8 }),
+      s("path", { d: SIGNS[worst] }),
+    );
   }
 
   /** Tokens on their way: flows that were taken within the last moments, one after the other. */
   flights(plane, state, flows, wanted) {
-    const found = [], span = FLIGHT * 1e9 * this.app.player.speed, lit = new Set();
+    const found = [];
+    const span = FLIGHT * 1e9 * this.app.player.speed;
+    const lit = new Set();
     if (state !== null) {
       const { t, r, s: scopes, e, w } = state.block.columns;
       const from = flows ? state.time - span : state.time - 1;
-      const begin = after(t, from), legs = new Map();
+      const begin = after(t, from);
+      const legs = new Map();
       for (let at = Math.max(begin, state.position - 400); at < state.position; at += 1) {
         if (w[at] !== TAKE || !plane.edges.has(e[at]) || !wanted(r[at], scopes[at])) continue;
         const key = `${r[at]}/${t[at]}`;

@@ -9,7 +9,8 @@ function listen(element, type, action) {
   element.actions.set(type, action);
 }
 
-const present = (children) => children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false);
+const present = (children) =>
+  children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false);
 
 function fill(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes ?? {})) {
@@ -76,8 +77,14 @@ export function icon(name) {
 
 function drawnIcon(name) {
   const solid = SOLID.has(name);
-  const path = s("path", { d: ICONS[name], fill: solid ? "currentColor" : "none", stroke: solid ? "none" : "currentColor",
-    "stroke-width": 2, "stroke-linecap": "round", "stroke-linejoin": "round" });
+  const path = s("path", {
+    d: ICONS[name],
+    fill: solid ? "currentColor" : "none",
+    stroke: solid ? "none" : "currentColor",
+    "stroke-width": 2,
+    "stroke-linecap": "round",
+    "stroke-linejoin": "round",
+  });
   return s("svg", { viewBox: "0 0 24 24", cls: "icon", "aria-hidden": "true" }, path);
 }
 
@@ -102,7 +109,10 @@ export function arrange(element, nodes) {
 Children of the same kind are the same, one after the other; those with `data-key`, wherever they are. Their listeners
 are those of the new ones, which may not refer to their own element but by `event.currentTarget`. */
 export function renew(element, ...children) {
-  renewChildren(element, present(children).map((child) => (child instanceof Node ? child : document.createTextNode(child))));
+  renewChildren(
+    element,
+    present(children).map((child) => (child instanceof Node ? child : document.createTextNode(child))),
+  );
 }
 
 const kindOf = (node) => (node.nodeType === Node.ELEMENT_NODE ? `${node.localName} ${node.dataset.key ?? ""}` : "text");
@@ -117,7 +127,8 @@ function renewChildren(element, fresh) {
   let place = element.firstChild;
   for (const node of fresh) {
     const kept = known.get(kindOf(node))?.shift();
-    if (kept !== undefined && kept !== node && !(node.localName === "svg" && kept.isEqualNode(node))) renewNode(kept, node);
+    if (kept !== undefined && kept !== node && !(node.localName === "svg" && kept.isEqualNode(node)))
+      renewNode(kept, node);
     const child = kept ?? node;
     if (child === place) place = place.nextSibling;
     else element.insertBefore(child, place);
@@ -130,10 +141,12 @@ function renewNode(node, fresh) {
     if (node.nodeValue !== fresh.nodeValue) node.nodeValue = fresh.nodeValue;
     return;
   }
-  for (const { name } of [...node.attributes]) if (!fresh.hasAttribute(name) && !(name === "open" && node.localName === "details")) node.removeAttribute(name);
+  for (const { name } of [...node.attributes])
+    if (!fresh.hasAttribute(name) && !(name === "open" && node.localName === "details")) node.removeAttribute(name);
   for (const { name, value } of fresh.attributes) {
     if (node.getAttribute(name) === value) continue;
-    if (name === "style") node.style.cssText = value; // the policy of the page forbids the attribute
+    if (name === "style")
+      node.style.cssText = value; // the policy of the page forbids the attribute
     else node.setAttribute(name, value);
   }
   for (const type of node.actions?.keys() ?? []) node.actions.set(type, null);
@@ -145,8 +158,10 @@ function renewNode(node, fresh) {
 
 /** Nanoseconds as m:ss.mmm, or h:mm:ss.mmm. */
 export function clock(time) {
-  const ms = Math.round(Math.max(0, time) / 1e6), two = (number) => String(number).padStart(2, "0");
-  const minutes = Math.floor(ms / 60000), rest = `${two(Math.floor(ms / 1000) % 60)}.${String(ms % 1000).padStart(3, "0")}`;
+  const ms = Math.round(Math.max(0, time) / 1e6);
+  const two = (number) => String(number).padStart(2, "0");
+  const minutes = Math.floor(ms / 60000);
+  const rest = `${two(Math.floor(ms / 1000) % 60)}.${String(ms % 1000).padStart(3, "0")}`;
   return minutes < 60 ? `${minutes}:${rest}` : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${rest}`;
 }
 
@@ -184,7 +199,9 @@ export function css(name) {
 
 /** A canvas as large as its box, sharp on any screen. Gives its context, in CSS pixels. */
 export function sharp(canvas, width, height) {
-  const ratio = window.devicePixelRatio || 1, w = Math.round(width * ratio), hgt = Math.round(height * ratio);
+  const ratio = window.devicePixelRatio || 1;
+  const w = Math.round(width * ratio);
+  const hgt = Math.round(height * ratio);
   if (canvas.width !== w || canvas.height !== hgt) {
     canvas.width = w;
     canvas.height = hgt;
@@ -218,7 +235,10 @@ export function paint(context, { fill, stroke, width = 1.5 }) {
 /** A cross about a point, which reaches as far as `half` (px). */
 export function cross(context, x, y, half, stroke, width) {
   for (const side of [1, -1]) {
-    trace(context, [[x - half, y - side * half], [x + half, y + side * half]]);
+    trace(context, [
+      [x - half, y - side * half],
+      [x + half, y + side * half],
+    ]);
     paint(context, { stroke, width });
   }
 }

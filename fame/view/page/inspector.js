@@ -4,7 +4,8 @@ import { h, icon, clock, duration, isDark, renew, swatch } from "./dom.js";
 import { nameOf } from "./roster.js";
 import { FAIL, LOG, REPORT, END, after } from "./store.js";
 
-const RECENT = 2e9, LINES = 200;
+const RECENT = 2e9;
+const LINES = 200;
 const PAUSE = 90; // ms until it is shown again: a few times a second is as much as anybody reads
 const SLICE = 4; // ms of a frame for what is out of sight
 
@@ -14,9 +15,13 @@ export function brief(value, most = 120) {
     const inside = value.first === undefined ? "" : ` ${brief(value.first, most - 20)}`;
     return `${value.$cut}${inside}`;
   }
-  const text = typeof value === "string" ? JSON.stringify(value) : typeof value === "number" ? String(Number(value.toPrecision(9))) : JSON.stringify(value, (_, one) =>
-    typeof one === "number" ? Number(one.toPrecision(6)) : one);
-  return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : text ?? "–";
+  const text =
+    typeof value === "string"
+      ? JSON.stringify(value)
+      : typeof value === "number"
+        ? String(Number(value.toPrecision(9)))
+        : JSON.stringify(value, (_, one) => (typeof one === "number" ? Number(one.toPrecision(6)) : one));
+  return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : (text ?? "–");
 }
 
 /** What a token waits for. */
@@ -28,16 +33,22 @@ function reason({ service, action, text }) {
 /** What is wrong with the server that a token has asked. */
 const troubles = ({ gone, silent, mismatches = [] }, time) => [
   ...(gone === undefined ? [] : [`it has had no server for ${duration(Math.max(0, time - gone))}`]),
-  ...(silent === undefined ? [] : [`its server has said nothing for ${duration(Math.max(0, time - silent))}`]), ...mismatches];
+  ...(silent === undefined ? [] : [`its server has said nothing for ${duration(Math.max(0, time - silent))}`]),
+  ...mismatches,
+];
 
 /** The robots, or other nodes, that publish on the topics that a token waits for. */
-const sendersOf = ({ topics = [], publishers = {} }) => topics.flatMap((topic) => publishers[topic] ?? []).map((node) => node.replace(/^\//, "").replace(/\/fame_engine$/, ""));
+const sendersOf = ({ topics = [], publishers = {} }) =>
+  topics
+    .flatMap((topic) => publishers[topic] ?? [])
+    .map((node) => node.replace(/^\//, "").replace(/\/fame_engine$/, ""));
 
 /** The numbers inside a value: paths that can be plotted. */
 function numbers(value, path = [], found = [], depth = 3) {
   if (typeof value === "number" || typeof value === "boolean") found.push(path);
   else if (depth > 0 && value !== null && typeof value === "object" && !("$cut" in value)) {
-    for (const [key, inner] of Object.entries(value)) if (found.length < 12) numbers(inner, [...path, key], found, depth - 1);
+    for (const [key, inner] of Object.entries(value))
+      if (found.length < 12) numbers(inner, [...path, key], found, depth - 1);
   }
   return found;
 }
@@ -48,8 +59,26 @@ export class Inspector {
     this.root = root;
     this.tab = "state";
     this.robots = h("div", { cls: "robots", role: "group", "aria-label": "Robots" });
-    this.tabs = h("div", { cls: "tabs", role: "tablist" }, [["state", "State"], ["topics", "Messages"], ["log", "Log"]].map(([name, text]) =>
-      h("button", { role: "tab", dataset: { tab: name }, "aria-selected": String(name === this.tab), onclick: () => this.choose(name) }, text)));
+    this.tabs = h(
+      "div",
+      { cls: "tabs", role: "tablist" },
+      [
+        ["state", "State"],
+        ["topics", "Messages"],
+        ["log", "Log"],
+      ].map(([name, text]) =>
+        h(
+          "button",
+          {
+            role: "tab",
+            dataset: { tab: name },
+            "aria-selected": String(name === this.tab),
+            onclick: () => this.choose(name),
+          },
+          text,
+        ),
+      ),
+    );
     this.body = h("div", { cls: "body", tabindex: 0 });
     root.append(h("h2", { cls: "unseen" }, "Inspector"), h("div", { cls: "bar" }, this.tabs, this.robots), this.body);
     this.opened = new Set();
@@ -59,15 +88,23 @@ export class Inspector {
     this.parts = new Map(); // robot -> its section, where all are shown
     this.stale = new Set(); // robots whose section shows another instant
     this.hidden = new Set(); // sections out of sight
-    this.sight = new IntersectionObserver((changes) => {
-      for (const { target, isIntersecting } of changes) this.hidden[isIntersecting ? "delete" : "add"](target);
-      if (this.stale.size) app.redraw();
-    }, { root: this.body });
+    this.sight = new IntersectionObserver(
+      (changes) => {
+        for (const { target, isIntersecting } of changes) this.hidden[isIntersecting ? "delete" : "add"](target);
+        if (this.stale.size) app.redraw();
+      },
+      { root: this.body },
+    );
   }
 
   /** Lay out a variable that nobody sees: the browser looks for fonts when it first needs them, and the first jump would wait. */
   warm() {
-    const sample = h("div", { cls: "sample", "aria-hidden": "true" }, h("h4", null, "Variables"), h("table", { cls: "variables" }, h("tbody", null, this.variable(-1, 0, "x", 0, 1, 2))));
+    const sample = h(
+      "div",
+      { cls: "sample", "aria-hidden": "true" },
+      h("h4", null, "Variables"),
+      h("table", { cls: "variables" }, h("tbody", null, this.variable(-1, 0, "x", 0, 1, 2))),
+    );
     this.root.append(sample);
     sample.getBoundingClientRect();
     sample.remove();
@@ -86,19 +123,41 @@ export class Inspector {
   }
 
   picker() {
-    const { robots } = this.app.mission, { robot } = this.app.selected, key = `${robots.length}|${robot}|${isDark()}`;
+    const { robots } = this.app.mission;
+    const { robot } = this.app.selected;
+    const key = `${robots.length}|${robot}|${isDark()}`;
     if (key === this.pickerKey) return;
     this.pickerKey = key;
-    const pick = h("select", { "aria-label": "Robot", onchange: ({ currentTarget }) => this.app.select({ robot: Number(currentTarget.value) }) },
-      h("option", { value: -1 }, "All robots"), robots.map((one, r) => h("option", { value: r }, one.name)));
+    const pick = h(
+      "select",
+      {
+        "aria-label": "Robot",
+        onchange: ({ currentTarget }) => this.app.select({ robot: Number(currentTarget.value) }),
+      },
+      h("option", { value: -1 }, "All robots"),
+      robots.map((one, r) => h("option", { value: r }, one.name)),
+    );
     pick.value = String(robot);
     renew(this.robots, pick);
   }
 
   update(state, time) {
     this.picker();
-    const { selected, store, plots } = this.app, loaded = this.tab === "log" ? store.version : store.said;
-    const key = [this.tab, selected.robot, selected.element, time, loaded, plots.key, state === null, this.app.controlKey(), this.app.mission.version, isDark(), this.app.tabs.key].join();
+    const { selected, store, plots } = this.app;
+    const loaded = this.tab === "log" ? store.version : store.said;
+    const key = [
+      this.tab,
+      selected.robot,
+      selected.element,
+      time,
+      loaded,
+      plots.key,
+      state === null,
+      this.app.controlKey(),
+      this.app.mission.version,
+      isDark(),
+      this.app.tabs.key,
+    ].join();
     if (key === this.key) {
       this.finish(state, time);
       return;
@@ -113,14 +172,27 @@ export class Inspector {
     this.shown = time;
     this.stale.clear();
     if (this.app.mission.kind === "model") {
-      renew(this.body, this.app.mission.heat ? this.app.heat.view() : [this.app.mission.change ? this.app.change.view() : null, this.found()]);
+      renew(
+        this.body,
+        this.app.mission.heat
+          ? this.app.heat.view()
+          : [this.app.mission.change ? this.app.change.view() : null, this.found()],
+      );
       return;
     }
     if (state === null) {
-      renew(this.body, h("p", { cls: "quiet" }, store.blocks.length ? "Loading this part of the run …" : "No robot has started yet."));
+      renew(
+        this.body,
+        h("p", { cls: "quiet" }, store.blocks.length ? "Loading this part of the run …" : "No robot has started yet."),
+      );
       return;
     }
-    renew(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());
+    renew(
+      this.body,
+      { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[
+        this.tab
+      ](),
+    );
     this.pause = Math.min(400, Math.max(PAUSE, 6 * (performance.now() - now))); // of a large team it takes longer
   }
 
@@ -135,12 +207,18 @@ export class Inspector {
 
   /** Renew the sections of robots that are stale: those in sight, and of the others as many as a frame has time for. */
   finish(state, time) {
-    const begun = performance.now(), inSight = (r) => !this.hidden.has(this.parts.get(r));
+    const begun = performance.now();
+    const inSight = (r) => !this.hidden.has(this.parts.get(r));
     const order = [...this.stale].sort((a, b) => inSight(b) - inSight(a));
     for (const [place, r] of order.entries()) {
       if (place > 0 && place % 6 === 0 && inSight(r)) this.findSight(order.slice(place));
       if (!inSight(r) && performance.now() - begun > SLICE) break;
-      renew(this.parts.get(r), h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))), this.waits(state, r, time), this.variables(state, r, time));
+      renew(
+        this.parts.get(r),
+        h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))),
+        this.waits(state, r, time),
+        this.variables(state, r, time),
+      );
       this.stale.delete(r);
     }
     if (this.stale.size) this.app.soon(SLICE);
@@ -148,12 +226,34 @@ export class Inspector {
 
   /** The findings of a model, those of the chosen element first. */
   found() {
-    const { mission, selected } = this.app, all = mission.findings ?? [], rank = { error: 0, warning: 1, note: 2 };
+    const { mission, selected } = this.app;
+    const all = mission.findings ?? [];
+    const rank = { error: 0, warning: 1, note: 2 };
     const card = selected.element >= 0 ? this.chosenElement({ counts: [], tokens: new Map(), waits: [] }, 0) : null;
-    const rows = [...all].sort((a, b) => rank[a.severity] - rank[b.severity]).map((one) => h("li", { cls: `found ${one.severity}` },
-      h("div", null, h("b", null, one.severity), " ", one.element >= 0 ? this.element(one.element) : null, h("span", { cls: "quiet" }, ` ${one.where}${one.line ? `:${one.line}` : ""}`)),
-      h("div", null, one.text)));
-    return [card, h("h3", null, "Findings"), rows.length ? h("ul", { cls: "findings" }, rows) : h("p", { cls: "quiet" }, "fame check has no finding. Save the file in your modeler: this page follows.")];
+    const rows = [...all]
+      .sort((a, b) => rank[a.severity] - rank[b.severity])
+      .map((one) =>
+        h(
+          "li",
+          { cls: `found ${one.severity}` },
+          h(
+            "div",
+            null,
+            h("b", null, one.severity),
+            " ",
+            one.element >= 0 ? this.element(one.element) : null,
+            h("span", { cls: "quiet" }, ` ${one.where}${one.line ? `:${one.line}` : ""}`),
+          ),
+          h("div", null, one.text),
+        ),
+      );
+    return [
+      card,
+      h("h3", null, "Findings"),
+      rows.length
+        ? h("ul", { cls: "findings" }, rows)
+        : h("p", { cls: "quiet" }, "fame check has no finding. Save the file in your modeler: this page follows."),
+    ];
   }
 
   chosen(r) {
@@ -162,12 +262,26 @@ export class Inspector {
   }
 
   robot(r) {
-    return h("button", { cls: "who", onclick: () => this.app.select({ robot: r }) }, swatch(r), this.app.mission.robots[r]?.name ?? "");
+    return h(
+      "button",
+      { cls: "who", onclick: () => this.app.select({ robot: r }) },
+      swatch(r),
+      this.app.mission.robots[r]?.name ?? "",
+    );
   }
 
   element(number, path = []) {
-    const { elements } = this.app.mission, element = elements[number];
-    return h("button", { cls: "link", title: element?.id, onclick: () => this.app.select({ element: number }, { reveal: true, openers: path }) }, element?.name || element?.id || "?");
+    const { elements } = this.app.mission;
+    const element = elements[number];
+    return h(
+      "button",
+      {
+        cls: "link",
+        title: element?.id,
+        onclick: () => this.app.select({ element: number }, { reveal: true, openers: path }),
+      },
+      element?.name || element?.id || "?",
+    );
   }
 
   instant(time) {
@@ -177,13 +291,28 @@ export class Inspector {
   // ---- state -------------------------------------------------------------------------------------
 
   state(state, time) {
-    const { selected, mission } = this.app, parts = [], r = selected.robot;
+    const { selected, mission } = this.app;
+    const parts = [];
+    const r = selected.robot;
     if (selected.element >= 0) parts.push(this.chosenElement(state, time));
     if (r < 0) parts.push(...this.all(state, time));
     else {
-      parts.push(h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))), ...this.waits(state, r, time), ...this.variables(state, r, time));
+      parts.push(
+        h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))),
+        ...this.waits(state, r, time),
+        ...this.variables(state, r, time),
+      );
     }
-    return parts.length > (r < 0 ? 0 : 1) ? parts : [...parts, h("p", { cls: "quiet" }, r < 0 ? "No robot has started yet." : `${mission.robots[r].name} runs no process at this time.`)];
+    return parts.length > (r < 0 ? 0 : 1)
+      ? parts
+      : [
+          ...parts,
+          h(
+            "p",
+            { cls: "quiet" },
+            r < 0 ? "No robot has started yet." : `${mission.robots[r].name} runs no process at this time.`,
+          ),
+        ];
   }
 
   /** A section for each robot. Those out of sight follow in the next frames. */
@@ -203,69 +332,152 @@ export class Inspector {
 
   status(state, r) {
     const { columns, details } = state.block;
-    for (let at = state.position - 1; at >= 0; at -= 1) if (columns.r[at] === r && columns.w[at] === END) {
-      const alive = [...state.tokens.values()].some((token) => token.r === r);
-      return alive ? "" : String(details.get(at) ?? "ended");
-    }
+    for (let at = state.position - 1; at >= 0; at -= 1)
+      if (columns.r[at] === r && columns.w[at] === END) {
+        const alive = [...state.tokens.values()].some((token) => token.r === r);
+        return alive ? "" : String(details.get(at) ?? "ended");
+      }
     return "";
   }
 
   waits(state, r, time) {
     const rows = [...(state.waits.get(r)?.values() ?? [])];
     if (!rows.length) return [];
-    return [h("h4", null, "Waits for"), h("ul", { cls: "waits", dataset: { key: r } }, rows.map((wait) => this.wait(state, r, wait, time)))];
+    return [
+      h("h4", null, "Waits for"),
+      h(
+        "ul",
+        { cls: "waits", dataset: { key: r } },
+        rows.map((wait) => this.wait(state, r, wait, time)),
+      ),
+    ];
   }
 
   wait(state, r, wait, time) {
-    const openers = state.openers(r, wait.scope), since = time - wait.since;
+    const openers = state.openers(r, wait.scope);
+    const since = time - wait.since;
     const topics = (wait.topics ?? []).map((topic) => this.publishers(topic, wait));
-    const conditions = (wait.conditions ?? []).map((condition) => h("div", { cls: "why" }, h("code", null, condition.text),
-      (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)))));
-    return h("li", { dataset: { key: `${r}/${wait.key}` } }, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
-      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, reason(wait)), troubles(wait, time).map((text) => h("div", { cls: "why" }, text)), topics, this.lastMessages(wait, time), this.senders(state, wait, time, [r], new Set([r])), conditions, this.app.acts.buttons(r, wait));
+    const conditions = (wait.conditions ?? []).map((condition) =>
+      h(
+        "div",
+        { cls: "why" },
+        h("code", null, condition.text),
+        (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name))),
+      ),
+    );
+    return h(
+      "li",
+      { dataset: { key: `${r}/${wait.key}` } },
+      h(
+        "div",
+        null,
+        wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element),
+        wait.suspended ? h("em", null, "suspended") : null,
+        h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`),
+      ),
+      h("div", { cls: "reason" }, reason(wait)),
+      troubles(wait, time).map((text) => h("div", { cls: "why" }, text)),
+      topics,
+      this.lastMessages(wait, time),
+      this.senders(state, wait, time, [r], new Set([r])),
+      conditions,
+      this.app.acts.buttons(r, wait),
+    );
   }
 
   /** Who publishes on a topic that a token waits for. */
   publishers(topic, wait) {
     const nodes = wait.publishers?.[topic] ?? [];
-    return h("div", { cls: "why" }, h("code", null, topic), nodes.length ? ` is published by ${nodes.join(", ")}` : " has no publisher");
+    return h(
+      "div",
+      { cls: "why" },
+      h("code", null, topic),
+      nodes.length ? ` is published by ${nodes.join(", ")}` : " has no publisher",
+    );
   }
 
   /** What the robots do that publish what a token waits for, to the end: `path` are those that wait here, `told` all that were told. */
   senders(state, wait, time, path, told) {
-    const { robots } = this.app.mission, found = [...new Set(sendersOf(wait).map((node) => robots.findIndex(({ name }) => node === name)))].filter((r) => r >= 0);
-    const circles = found.filter((r) => path.includes(r)).map((r) => path.slice(path.indexOf(r))).map((circle) =>
-      h("li", null, h("b", null, `${circle.map((one) => robots[one].name).join(" and ")} wait for each other`), `; ${this.waysOut(state, circle)}`));
+    const { robots } = this.app.mission;
+    const found = [...new Set(sendersOf(wait).map((node) => robots.findIndex(({ name }) => node === name)))].filter(
+      (r) => r >= 0,
+    );
+    const circles = found
+      .filter((r) => path.includes(r))
+      .map((r) => path.slice(path.indexOf(r)))
+      .map((circle) =>
+        h(
+          "li",
+          null,
+          h("b", null, `${circle.map((one) => robots[one].name).join(" and ")} wait for each other`),
+          `; ${this.waysOut(state, circle)}`,
+        ),
+      );
     const rows = found.filter((r) => !told.has(r)).flatMap((r) => this.sender(state, r, time, path, told.add(r)));
     return circles.length + rows.length ? h("ul", { cls: "chain" }, rows, circles) : null;
   }
 
   /** What may move a robot of a circle although none of the others does, as `fame status --why` says it. */
   waysOut(state, circle) {
-    const { robots, elements } = this.app.mission, names = circle.map((r) => robots[r].name);
-    const isHeld = (wait) => !wait.suspended && /^(topic|join)$/.test(wait.kind) && sendersOf(wait).every((node) => names.includes(node));
-    const found = circle.flatMap((r) => [...(state.waits.get(r)?.values() ?? [])].flatMap((wait) => {
-      const events = [...state.openers(r, wait.scope), wait.e].flatMap((e) => elements[e]?.exits ?? []);
-      return [...(isHeld(wait) ? [] : [`${nameOf(this.app, wait.e)}, for ${reason(wait)}`]), ...events].map((way) => `${robots[r].name}, ${way}`);
-    }));
-    return found.length ? `what can end that: ${[...new Set(found)].join("; ")}` : "nothing that is drawn and no other publisher can end that, unless a message is still on its way";
+    const { robots, elements } = this.app.mission;
+    const names = circle.map((r) => robots[r].name);
+    const isHeld = (wait) =>
+      !wait.suspended && /^(topic|join)$/.test(wait.kind) && sendersOf(wait).every((node) => names.includes(node));
+    const found = circle.flatMap((r) =>
+      [...(state.waits.get(r)?.values() ?? [])].flatMap((wait) => {
+        const events = [...state.openers(r, wait.scope), wait.e].flatMap((e) => elements[e]?.exits ?? []);
+        return [...(isHeld(wait) ? [] : [`${nameOf(this.app, wait.e)}, for ${reason(wait)}`]), ...events].map(
+          (way) => `${robots[r].name}, ${way}`,
+        );
+      }),
+    );
+    return found.length
+      ? `what can end that: ${[...new Set(found)].join("; ")}`
+      : "nothing that is drawn and no other publisher can end that, unless a message is still on its way";
   }
 
   sender(state, r, time, path, told) {
-    const waits = [...(state.waits.get(r)?.values() ?? [])], ended = this.status(state, r);
-    if (!waits.length) return [h("li", null, this.robot(r), ended ? ` has ended: ${ended}` : " is at work: no token of it waits")];
-    return waits.map((wait) => h("li", null, this.robot(r), " waits at ", wait.e >= 0 ? this.element(wait.e, state.openers(r, wait.scope)) : wait.element,
-      `, ${duration(Math.max(0, time - wait.since))}, ${wait.suspended ? `suspended by ${wait.by}` : ["for " + reason(wait), ...troubles(wait, time)].join("; ")}`, this.senders(state, wait, time, [...path, r], told)));
+    const waits = [...(state.waits.get(r)?.values() ?? [])];
+    const ended = this.status(state, r);
+    if (!waits.length)
+      return [h("li", null, this.robot(r), ended ? ` has ended: ${ended}` : " is at work: no token of it waits")];
+    return waits.map((wait) =>
+      h(
+        "li",
+        null,
+        this.robot(r),
+        " waits at ",
+        wait.e >= 0 ? this.element(wait.e, state.openers(r, wait.scope)) : wait.element,
+        `, ${duration(Math.max(0, time - wait.since))}, ${wait.suspended ? `suspended by ${wait.by}` : ["for " + reason(wait), ...troubles(wait, time)].join("; ")}`,
+        this.senders(state, wait, time, [...path, r], told),
+      ),
+    );
   }
 
   /** When the last message came that a token might have received, and why it did not count. */
   lastMessages(wait, time) {
     if (!wait.topics?.length) return null;
-    if (wait.missed) return h("div", { cls: "why" }, "last message ", this.instant(wait.missed.time), ` did not count: ${wait.missed.why}`);
+    if (wait.missed)
+      return h(
+        "div",
+        { cls: "why" },
+        "last message ",
+        this.instant(wait.missed.time),
+        ` did not count: ${wait.missed.why}`,
+      );
     const found = wait.topics.map((topic) => this.app.store.lastMessage(topic, time)).filter((one) => one !== null);
     if (!found.length) return h("div", { cls: "why" }, "no message has come since the token waits");
-    return found.map(([at, topic, sender]) => h("div", { cls: "why" }, "last message ", this.instant(at), wait.topics.length > 1 ? ` on ${topic}` : "", sender ? ` from ${sender}` : "",
-      at < wait.since ? ", before this token waited: it does not count" : ""));
+    return found.map(([at, topic, sender]) =>
+      h(
+        "div",
+        { cls: "why" },
+        "last message ",
+        this.instant(at),
+        wait.topics.length > 1 ? ` on ${topic}` : "",
+        sender ? ` from ${sender}` : "",
+        at < wait.since ? ", before this token waited: it does not count" : "",
+      ),
+    );
   }
 
   valueOf(state, r, scope, name) {
@@ -274,71 +486,183 @@ export class Inspector {
   }
 
   variables(state, r, time) {
-    const scopes = [...state.variables.values()].filter((one) => one.r === r && one.values.size > 0).sort((a, b) => a.s - b.s);
+    const scopes = [...state.variables.values()]
+      .filter((one) => one.r === r && one.values.size > 0)
+      .sort((a, b) => a.s - b.s);
     return scopes.flatMap(({ s, values }) => {
-      const openers = state.openers(r, s), where = openers.length ? this.app.mission.elements[openers.at(-1)]?.name : "";
-      const rows = [...values].sort(([a], [b]) => a.localeCompare(b)).map(([name, [value, since]]) => this.variable(r, s, name, value, since, time));
-      return [h("h4", null, where ? `Variables in ${where}` : "Variables"), h("table", { cls: "variables", dataset: { key: `${r}/${s}` } }, h("tbody", null, rows))];
+      const openers = state.openers(r, s);
+      const where = openers.length ? this.app.mission.elements[openers.at(-1)]?.name : "";
+      const rows = [...values]
+        .sort(([a], [b]) => a.localeCompare(b))
+        .map(([name, [value, since]]) => this.variable(r, s, name, value, since, time));
+      return [
+        h("h4", null, where ? `Variables in ${where}` : "Variables"),
+        h("table", { cls: "variables", dataset: { key: `${r}/${s}` } }, h("tbody", null, rows)),
+      ];
     });
   }
 
   variable(r, s, name, value, since, time) {
-    const fresh = time - since < RECENT && since > 0, id = `${r}/${s}/${name}`, open = this.opened.has(id);
-    const complex = value !== null && typeof value === "object", paths = numbers(value);
-    const plot = paths.length === 1 || (!complex && paths.length) ? this.plotButton({ r, name, path: paths[0] }) : paths.length > 1 ? this.plotMenu(r, name, paths) : null;
+    const fresh = time - since < RECENT && since > 0;
+    const id = `${r}/${s}/${name}`;
+    const open = this.opened.has(id);
+    const complex = value !== null && typeof value === "object";
+    const paths = numbers(value);
+    const plot =
+      paths.length === 1 || (!complex && paths.length)
+        ? this.plotButton({ r, name, path: paths[0] })
+        : paths.length > 1
+          ? this.plotMenu(r, name, paths)
+          : null;
     const text = open ? h("pre", null, JSON.stringify(value, null, 2)) : h("code", null, brief(value));
-    const toggle = complex || (typeof value === "string" && value.length > 100) ? h("button", { cls: "value", title: open ? "Show less" : "Show all", onclick: () => {
-      if (open) this.opened.delete(id);
-      else this.opened.add(id);
-      this.key = "";
-      this.app.redraw();
-    } }, text) : text;
-    return h("tr", { cls: fresh ? "fresh" : "", dataset: { key: name } }, h("th", { scope: "row", title: `set ${clock(since)}` }, fresh ? h("span", { cls: "mark", title: `changed ${clock(since)}` }, "●") : null, name), h("td", null, toggle), h("td", { cls: "act" }, plot));
+    const toggle =
+      complex || (typeof value === "string" && value.length > 100)
+        ? h(
+            "button",
+            {
+              cls: "value",
+              title: open ? "Show less" : "Show all",
+              onclick: () => {
+                if (open) this.opened.delete(id);
+                else this.opened.add(id);
+                this.key = "";
+                this.app.redraw();
+              },
+            },
+            text,
+          )
+        : text;
+    return h(
+      "tr",
+      { cls: fresh ? "fresh" : "", dataset: { key: name } },
+      h(
+        "th",
+        { scope: "row", title: `set ${clock(since)}` },
+        fresh ? h("span", { cls: "mark", title: `changed ${clock(since)}` }, "●") : null,
+        name,
+      ),
+      h("td", null, toggle),
+      h("td", { cls: "act" }, plot),
+    );
   }
 
   plotButton(plot, text = null) {
     const on = this.app.plots.has(plot);
-    return h("button", { cls: text ? "text" : "", title: on ? "Remove the plot" : "Plot it over time", "aria-pressed": String(on), onclick: () => this.app.plots.toggle(plot) }, text ?? icon("plot"));
+    return h(
+      "button",
+      {
+        cls: text ? "text" : "",
+        title: on ? "Remove the plot" : "Plot it over time",
+        "aria-pressed": String(on),
+        onclick: () => this.app.plots.toggle(plot),
+      },
+      text ?? icon("plot"),
+    );
   }
 
   plotMenu(r, name, paths, topic = "") {
-    return h("select", { cls: "plots", title: "Plot a field over time", "aria-label": `Plot a field of ${name}`, onchange: ({ currentTarget: pick }) => {
-      if (pick.value !== "") this.app.plots.toggle({ r, name, topic, path: paths[Number(pick.value)] });
-      pick.value = "";
-    } }, h("option", { value: "" }, "plot"), paths.map((path, at) => h("option", { value: at }, `${this.app.plots.has({ r, name, topic, path }) ? "✓ " : ""}${path.join(".")}`)));
+    return h(
+      "select",
+      {
+        cls: "plots",
+        title: "Plot a field over time",
+        "aria-label": `Plot a field of ${name}`,
+        onchange: ({ currentTarget: pick }) => {
+          if (pick.value !== "") this.app.plots.toggle({ r, name, topic, path: paths[Number(pick.value)] });
+          pick.value = "";
+        },
+      },
+      h("option", { value: "" }, "plot"),
+      paths.map((path, at) =>
+        h("option", { value: at }, `${this.app.plots.has({ r, name, topic, path }) ? "✓ " : ""}${path.join(".")}`),
+      ),
+    );
   }
 
   // ---- one element -------------------------------------------------------------------------------
 
   chosenElement(state, time) {
-    const { selected, mission, store, control } = this.app, number = selected.element, element = mission.elements[number];
+    const { selected, mission, store, control } = this.app;
+    const number = selected.element;
+    const element = mission.elements[number];
     if (element === undefined) return null;
-    let sum = [0, 0, 0], tokens = 0;
-    for (const [key, counts] of state.counts) if (key % 1048576 === number && this.chosen(Math.floor(key / 1048576))) sum = sum.map((value, at) => value + counts[at]);
+    let sum = [0, 0, 0];
+    let tokens = 0;
+    for (const [key, counts] of state.counts)
+      if (key % 1048576 === number && this.chosen(Math.floor(key / 1048576)))
+        sum = sum.map((value, at) => value + counts[at]);
     for (const token of state.tokens.values()) if (token.e === number && this.chosen(token.r)) tokens += token.n;
-    const visits = (step) => store.find(time, step, (data, at) => data.columns.e[at] === number && data.columns.w[at] <= FAIL && this.chosen(data.columns.r[at]))
-      .then((found) => found !== null && this.app.player.seek(found));
-    const counts = [`${sum[0]} completed`, sum[1] ? `${sum[1]} failed` : "", sum[2] ? `${sum[2]} cancelled` : "", tokens ? `${tokens} token${tokens > 1 ? "s" : ""} here` : ""];
+    const visits = (step) =>
+      store
+        .find(
+          time,
+          step,
+          (data, at) => data.columns.e[at] === number && data.columns.w[at] <= FAIL && this.chosen(data.columns.r[at]),
+        )
+        .then((found) => found !== null && this.app.player.seek(found));
+    const counts = [
+      `${sum[0]} completed`,
+      sum[1] ? `${sum[1]} failed` : "",
+      sum[2] ? `${sum[2]} cancelled` : "",
+      tokens ? `${tokens} token${tokens > 1 ? "s" : ""} here` : "",
+    ];
     const findings = this.app.findingsOf(number) ?? [];
-    return h("div", { cls: "card" }, h("div", { cls: "head" }, h("b", null, element.name || element.id),
-      h("button", { title: "Close", onclick: () => this.app.select({ element: -1 }) }, icon("close"))),
-    h("div", { cls: "quiet" }, `${element.tag.replace(/([A-Z])/g, " $1").toLowerCase()} · ${element.id}`),
-    element.source ? h("div", null, element.source) : null,
-    element.topics ? h("div", null, element.topics.map(([topic, way, name]) => h("div", null, way === "throw" ? "publishes " : "receives ", h("code", null, topic), name ? ` (${name})` : ""))) : null,
-    element.condition ? h("div", null, "condition ", h("code", null, element.condition)) : null,
-    this.app.acts.atElement(state, number, selected.robot),
-    findings.map((one) => h("div", { cls: `found ${one.severity}` }, h("b", null, one.severity), ` ${one.text}`)),
-    element.doc ? h("p", null, element.doc) : null, element.script ? h("details", null, h("summary", null, "Script"), h("pre", null, element.script)) : null,
-    this.app.mission.kind === "model" ? null : h("div", { cls: "row" }, h("span", null, counts.filter(Boolean).join(" · "))),
-    h("div", { cls: "row" }, this.app.mission.kind === "model" ? null : [h("button", { cls: "text", onclick: () => visits(-1) }, "Previous visit"),
-      h("button", { cls: "text", onclick: () => visits(1) }, "Next visit")],
-    element.inside >= 0 ? h("button", { cls: "text", onclick: () => this.app.diagram.open(element.inside, number) }, "Open") : null, control.forElement(number)));
+    return h(
+      "div",
+      { cls: "card" },
+      h(
+        "div",
+        { cls: "head" },
+        h("b", null, element.name || element.id),
+        h("button", { title: "Close", onclick: () => this.app.select({ element: -1 }) }, icon("close")),
+      ),
+      h("div", { cls: "quiet" }, `${element.tag.replace(/([A-Z])/g, " $1").toLowerCase()} · ${element.id}`),
+      element.source ? h("div", null, element.source) : null,
+      element.topics
+        ? h(
+            "div",
+            null,
+            element.topics.map(([topic, way, name]) =>
+              h(
+                "div",
+                null,
+                way === "throw" ? "publishes " : "receives ",
+                h("code", null, topic),
+                name ? ` (${name})` : "",
+              ),
+            ),
+          )
+        : null,
+      element.condition ? h("div", null, "condition ", h("code", null, element.condition)) : null,
+      this.app.acts.atElement(state, number, selected.robot),
+      findings.map((one) => h("div", { cls: `found ${one.severity}` }, h("b", null, one.severity), ` ${one.text}`)),
+      element.doc ? h("p", null, element.doc) : null,
+      element.script ? h("details", null, h("summary", null, "Script"), h("pre", null, element.script)) : null,
+      this.app.mission.kind === "model"
+        ? null
+        : h("div", { cls: "row" }, h("span", null, counts.filter(Boolean).join(" · "))),
+      h(
+        "div",
+        { cls: "row" },
+        this.app.mission.kind === "model"
+          ? null
+          : [
+              h("button", { cls: "text", onclick: () => visits(-1) }, "Previous visit"),
+              h("button", { cls: "text", onclick: () => visits(1) }, "Next visit"),
+            ],
+        element.inside >= 0
+          ? h("button", { cls: "text", onclick: () => this.app.diagram.open(element.inside, number) }, "Open")
+          : null,
+        control.forElement(number),
+      ),
+    );
   }
 
   // ---- messages and log --------------------------------------------------------------------------
 
   topics(state, time) {
-    const { store, mission } = this.app, last = new Map();
+    const { store, mission } = this.app;
+    const last = new Map();
     for (const { data } of store.blocks) {
       if (!data || data.start > time) continue;
       for (const row of data.messages) {
@@ -346,17 +670,36 @@ export class Inspector {
         last.set(row[1], row);
       }
     }
-    if (!last.size) return [h("p", { cls: "quiet" }, mission.messages ? "No message so far." : "This run has no recorded messages.")];
-    return [h("table", { cls: "variables" }, h("tbody", null, [...last.values()].sort((a, b) => a[1].localeCompare(b[1])).map(([t, topic, sender, content]) => {
-      const paths = numbers(content);
-      return h("tr", { cls: time - t < RECENT ? "fresh" : "", dataset: { key: topic } }, h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
-        h("td", null, h("code", null, brief(content, 200))), h("td", { cls: "act" }, paths.length ? this.plotMenu(-1, "", paths, topic) : null));
-    })))];
+    if (!last.size)
+      return [h("p", { cls: "quiet" }, mission.messages ? "No message so far." : "This run has no recorded messages.")];
+    return [
+      h(
+        "table",
+        { cls: "variables" },
+        h(
+          "tbody",
+          null,
+          [...last.values()]
+            .sort((a, b) => a[1].localeCompare(b[1]))
+            .map(([t, topic, sender, content]) => {
+              const paths = numbers(content);
+              return h(
+                "tr",
+                { cls: time - t < RECENT ? "fresh" : "", dataset: { key: topic } },
+                h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
+                h("td", null, h("code", null, brief(content, 200))),
+                h("td", { cls: "act" }, paths.length ? this.plotMenu(-1, "", paths, topic) : null),
+              );
+            }),
+        ),
+      ),
+    ];
   }
 
   /** Log lines, reports and errors until the cursor, the last first. */
   log(time) {
-    const { store, mission } = this.app, found = [];
+    const { store, mission } = this.app;
+    const found = [];
     for (let number = store.numberAt(time); number >= 0 && found.length < LINES; number -= 1) {
       const { data } = store.blocks[number] ?? {};
       if (!data) continue;
@@ -364,10 +707,31 @@ export class Inspector {
       for (let at = after(t, time) - 1; at >= 0 && found.length < LINES; at -= 1) {
         if (![LOG, REPORT, FAIL, END].includes(w[at]) || !this.chosen(r[at])) continue;
         const word = { [LOG]: "", [REPORT]: "report", [FAIL]: "failed", [END]: "ended" }[w[at]];
-        found.push(h("li", { cls: w[at] === FAIL ? "failed" : w[at] === REPORT ? "report" : "", dataset: { key: `${number}/${at}` } }, this.instant(t[at]), this.robot(r[at]),
-          h("span", { cls: "line" }, word ? h("b", null, word) : null, e[at] >= 0 && w[at] !== END ? [" ", this.element(e[at])] : null, ` ${data.details.get(at) ?? ""}`)));
+        found.push(
+          h(
+            "li",
+            { cls: w[at] === FAIL ? "failed" : w[at] === REPORT ? "report" : "", dataset: { key: `${number}/${at}` } },
+            this.instant(t[at]),
+            this.robot(r[at]),
+            h(
+              "span",
+              { cls: "line" },
+              word ? h("b", null, word) : null,
+              e[at] >= 0 && w[at] !== END ? [" ", this.element(e[at])] : null,
+              ` ${data.details.get(at) ?? ""}`,
+            ),
+          ),
+        );
       }
     }
-    return found.length ? [h("ol", { cls: "log" }, found)] : [h("p", { cls: "quiet" }, `No log lines of ${mission.robots[this.app.selected.robot]?.name ?? "any robot"} so far.`)];
+    return found.length
+      ? [h("ol", { cls: "log" }, found)]
+      : [
+          h(
+            "p",
+            { cls: "quiet" },
+            `No log lines of ${mission.robots[this.app.selected.robot]?.name ?? "any robot"} so far.`,
+          ),
+        ];
   }
 }

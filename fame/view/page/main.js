@@ -26,7 +26,10 @@ const SILENCE = 5000; // ms without a message, of which one comes each second, a
 class App {
   constructor() {
     this.mission = { robots: [], elements: [], planes: [], blocks: [], end: 0, reading: 1, kind: "", control: [] };
-    this.store = new Store((number) => this.fetch(`block/${number}.json`), (time) => this.fetch(`at/${time}.json`));
+    this.store = new Store(
+      (number) => this.fetch(`block/${number}.json`),
+      (time) => this.fetch(`at/${time}.json`),
+    );
     this.selected = { robot: -1, element: -1 };
     this.breakpoints = new Set();
     this.findings = new Map();
@@ -98,7 +101,8 @@ class App {
       this.diagram.planes.clear();
       this.diagram.trail = trail;
       if (!trail.length) this.diagram.plane = -1;
-      if (trail.length) await this.diagram.draw(trail.at(-1)[0]); // the same place, at the same zoom
+      if (trail.length)
+        await this.diagram.draw(trail.at(-1)[0]); // the same place, at the same zoom
       else if (mission.planes.length) await this.diagram.open(Math.max(0, mission.robots[0]?.plane ?? 0));
       else if (mission.models.length) this.diagram.draw(-1);
       else this.diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
@@ -112,14 +116,27 @@ class App {
   }
 
   heading() {
-    const { mission } = this, chip = (text, cls = "", title = "") => h("span", { cls: `chip ${cls}`, title }, text);
+    const { mission } = this;
+    const chip = (text, cls = "", title = "") => h("span", { cls: `chip ${cls}`, title }, text);
     byId("title").textContent = mission.title;
     document.title = `${mission.title} · fame view`;
-    const person = mission.person ? [[`${mission.person.user} (${mission.person.role})`, "completed", "who uses this page"]] : [];
-    const chips = mission.chips.map(([text, cls, title]) => (this.gone && cls === "live" ? ["not live", "failed", this.gone] : [text, cls, title]));
-    show(byId("chips"), [...chips, ...person].map(([text, cls, title]) => chip(text, cls, title)));
+    const person = mission.person
+      ? [[`${mission.person.user} (${mission.person.role})`, "completed", "who uses this page"]]
+      : [];
+    const chips = mission.chips.map(([text, cls, title]) =>
+      this.gone && cls === "live" ? ["not live", "failed", this.gone] : [text, cls, title],
+    );
+    show(
+      byId("chips"),
+      [...chips, ...person].map(([text, cls, title]) => chip(text, cls, title)),
+    );
     byId("top").classList.toggle("gone", this.gone !== "");
-    show(byId("notices"), [...(this.gone && mission.kind === "live" ? [this.gone] : []), ...(mission.notices ?? [])].map((text) => h("span", { cls: "notice", title: text }, text)));
+    show(
+      byId("notices"),
+      [...(this.gone && mission.kind === "live" ? [this.gone] : []), ...(mission.notices ?? [])].map((text) =>
+        h("span", { cls: "notice", title: text }, text),
+      ),
+    );
   }
 
   isLive() {
@@ -153,7 +170,8 @@ class App {
     const socket = new WebSocket(address);
     let heard = performance.now();
     const watch = setInterval(() => {
-      if (this.mission.kind === "live" && !this.gone && performance.now() - heard > SILENCE) this.disconnected("Nothing comes from fame view any more. The page shows the last state.");
+      if (this.mission.kind === "live" && !this.gone && performance.now() - heard > SILENCE)
+        this.disconnected("Nothing comes from fame view any more. The page shows the last state.");
     }, 1000);
     socket.onmessage = ({ data }) => {
       heard = performance.now();
@@ -180,14 +198,18 @@ class App {
       this.store.index(news.blocks, news.end);
       this.mission.reading = news.reading;
       this.store.complete = news.reading >= 1;
-      if (news.elements) this.mission.elements.push(...news.elements.slice(Math.max(0, this.mission.elements.length - news.from)));
+      if (news.elements)
+        this.mission.elements.push(...news.elements.slice(Math.max(0, this.mission.elements.length - news.from)));
       this.prefetch();
       this.soon();
       return;
     }
     if (news.type === "data") this.store.add(news.block);
     else if (news.type === "run") this.run(news);
-    else if (news.type === "reload") this.fetch("mission.json").then((mission) => this.load(mission)).then(() => this.prefetch());
+    else if (news.type === "reload")
+      this.fetch("mission.json")
+        .then((mission) => this.load(mission))
+        .then(() => this.prefetch());
     this.redraw();
   }
 
@@ -208,12 +230,15 @@ class App {
       for (;;) {
         await this.calm();
         const missing = this.store.blocks.filter((block) => block && block.data === null);
-        if (!missing.length || this.store.blocks.reduce((sum, block) => sum + (block.data ? block.events : 0), 0) > 4e6) break;
+        if (!missing.length || this.store.blocks.reduce((sum, block) => sum + (block.data ? block.events : 0), 0) > 4e6)
+          break;
         const here = this.store.numberAt(this.player.time);
         missing.sort((a, b) => Math.abs(a.number - here) - Math.abs(b.number - here));
         await Promise.all(missing.slice(0, 2).map((block) => this.store.want(block.number)));
       }
-    } catch { /* the server has ended; what is there stays */ } finally {
+    } catch {
+      /* the server has ended; what is there stays */
+    } finally {
       this.fetching = false;
     }
   }
@@ -249,7 +274,10 @@ class App {
 
   changedPlots() {
     const { length } = this.plots.shown; // room for the first ones; more are scrolled to
-    document.body.style.setProperty("--lanes", String(Math.max(2, this.mission.robots.length) + 1.3 * Math.min(length, 3)));
+    document.body.style.setProperty(
+      "--lanes",
+      String(Math.max(2, this.mission.robots.length) + 1.3 * Math.min(length, 3)),
+    );
     this.redraw();
   }
 
@@ -282,7 +310,11 @@ class App {
   async step(by) {
     this.player.play(false);
     const { robot } = this.selected;
-    const found = await this.store.find(this.player.time, by, (data, at) => data.columns.w[at] !== TAKE && (robot < 0 || data.columns.r[at] === robot));
+    const found = await this.store.find(
+      this.player.time,
+      by,
+      (data, at) => data.columns.w[at] !== TAKE && (robot < 0 || data.columns.r[at] === robot),
+    );
     if (found !== null) this.player.seek(found);
     else if (by < 0) this.player.seek(0);
   }
@@ -290,7 +322,8 @@ class App {
   // ---- links -------------------------------------------------------------------------------------
 
   link() {
-    const { robots, elements } = this.mission, parts = new URLSearchParams();
+    const { robots, elements } = this.mission;
+    const parts = new URLSearchParams();
     parts.set("t", String(this.player.time / 1e9));
     if (this.selected.robot >= 0) parts.set("robot", robots[this.selected.robot].name);
     const element = elements[this.selected.element];
@@ -309,7 +342,8 @@ class App {
 
   fromLink(hash = location.hash) {
     clearTimeout(this.linkTimer);
-    const parts = new URLSearchParams(hash.slice(1)), { robots, elements } = this.mission;
+    const parts = new URLSearchParams(hash.slice(1));
+    const { robots, elements } = this.mission;
     if (parts.has("t")) this.player.seek(Math.round(Number(parts.get("t")) * 1e9) || 0);
     else if (this.isLive()) this.player.follow();
     const robot = robots.findIndex((one) => one.name === parts.get("robot"));
@@ -343,22 +377,27 @@ class App {
 
   /** Draw at once what the cursor waits for: the next frame then has only to paint it. */
   loaded(number) {
-    if (this.missing !== null && (number < 0 || number === this.store.numberAt(this.player.time))) this.draw(performance.now());
+    if (this.missing !== null && (number < 0 || number === this.store.numberAt(this.player.time)))
+      this.draw(performance.now());
     else this.soon();
   }
 
   draw(now) {
-    const begun = performance.now(), moved = this.player.frame(now), { time } = this.player;
+    const begun = performance.now();
+    const moved = this.player.frame(now);
+    const { time } = this.player;
     this.state = this.store.stateAt(time);
     if (moved) this.saveLink();
     if (this.player.playing && !this.player.following) this.redraw(); // the end of a run that is followed moves with the news
     const jumped = this.missing !== null;
-    if (this.isMissing(begun)) { // it comes soon: whatever is drawn meanwhile would delay it
+    if (this.isMissing(begun)) {
+      // it comes soon: whatever is drawn meanwhile would delay it
       this.timeline.point(time);
       return;
     }
     this.frames = (this.frames ?? 0) + 1;
-    if (this.mission.kind === "model") this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
+    if (this.mission.kind === "model")
+      this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
     this.team.update(this.state, time);
     this.steer.update(this.state);
     if (this.state !== null) {
@@ -366,7 +405,8 @@ class App {
       if (this.tabs.shows("diagram")) this.diagram.update(this.state, this.player.playing);
     } else if (this.mission.kind === "model") this.diagram.update(null, false);
     if (this.tabs.shows("log")) this.inspector.update(this.state, time);
-    if (jumped && this.timeline.has(time)) { // the bars have been there before
+    if (jumped && this.timeline.has(time)) {
+      // the bars have been there before
       this.timeline.follow(time);
       this.soon(PAINT);
     } else this.timeline.update(time, begun);
@@ -375,7 +415,10 @@ class App {
 
   /** Whether everything that can be seen shows an instant. */
   shows(time) {
-    return this.state?.time === time && [this.diagram, this.world, this.inspector, this.timeline].every((part) => part.shown === time);
+    return (
+      this.state?.time === time &&
+      [this.diagram, this.world, this.inspector, this.timeline].every((part) => part.shown === time)
+    );
   }
 
   /** The world comes from any simulation: one that cannot be drawn does not stop the rest of the page. */
@@ -406,13 +449,22 @@ class App {
     box.className = bad ? "bad" : "";
     box.hidden = false;
     clearTimeout(this.toastTimer);
-    this.toastTimer = setTimeout(() => { box.hidden = true; }, bad ? 9000 : 5000);
+    this.toastTimer = setTimeout(
+      () => {
+        box.hidden = true;
+      },
+      bad ? 9000 : 5000,
+    );
   }
 
   tools() {
     const button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
-    show(byId("tools"), button("link", "Copy a link to this instant, robot and element", () => this.copy()),
-      button("moon", "Light or dark", () => this.theme()), button("help", "Keyboard and legend (?)", () => this.help()));
+    show(
+      byId("tools"),
+      button("link", "Copy a link to this instant, robot and element", () => this.copy()),
+      button("moon", "Light or dark", () => this.theme()),
+      button("help", "Keyboard and legend (?)", () => this.help()),
+    );
     const saved = localStorage.getItem("fame-theme");
     this.setTheme(saved ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
   }
@@ -440,26 +492,89 @@ class App {
   }
 
   help() {
-    const rows = [["Space", "play, pause"], ["← →", "previous, next event (of the chosen robot)"], ["Shift ← →", "one second back, forward"], ["Home End", "start, end"],
-      ["[ ]", "slower, faster"], ["+ −", "shorter, longer span of the timeline"], ["0", "the whole run"], ["F", "fit the diagram"], ["M", "the whole page for one part, and back"], ["← → Enter", "on a splitter: move it, collapse what is after it"],
-      ["1 … 9 A", "choose a robot, all robots"], ["L", "follow a run that is in progress"], ["Esc", "leave a part with the whole page, clear the selection, then leave a called process"], ["?", "this help"]];
+    const rows = [
+      ["Space", "play, pause"],
+      ["← →", "previous, next event (of the chosen robot)"],
+      ["Shift ← →", "one second back, forward"],
+      ["Home End", "start, end"],
+      ["[ ]", "slower, faster"],
+      ["+ −", "shorter, longer span of the timeline"],
+      ["0", "the whole run"],
+      ["F", "fit the diagram"],
+      ["M", "the whole page for one part, and back"],
+      ["← → Enter", "on a splitter: move it, collapse what is after it"],
+      ["1 … 9 A", "choose a robot, all robots"],
+      ["L", "follow a run that is in progress"],
+      ["Esc", "leave a part with the whole page, clear the selection, then leave a called process"],
+      ["?", "this help"],
+    ];
     const dialog = byId("help");
-    show(dialog, h("form", { method: "dialog" }, h("div", { cls: "head" }, h("h2", null, "Keyboard"), h("button", { title: "Close" }, icon("close"))),
-      h("dl", { cls: "keys" }, rows.map(([key, text]) => [h("dt", null, key.split(" ").map((one) => h("kbd", null, one))), h("dd", null, text)])),
-      h("h2", null, "Legend"), h("ul", null, h("li", null, "A disc is a token: its colour and number are those of the robot. ×3 are three tokens."),
-        h("li", null, "Bars are elements in progress: filled for activities, dashed where a token waits, hatched if cancelled, with a red border and ✕ if failed."),
-        h("li", null, "Arrows are signals, from their sender to the robots that received them. ✕ is an error, ▲ a report."),
-        h("li", null, "Double-click a call activity to see what runs in it."))));
+    show(
+      dialog,
+      h(
+        "form",
+        { method: "dialog" },
+        h("div", { cls: "head" }, h("h2", null, "Keyboard"), h("button", { title: "Close" }, icon("close"))),
+        h(
+          "dl",
+          { cls: "keys" },
+          rows.map(([key, text]) => [
+            h(
+              "dt",
+              null,
+              key.split(" ").map((one) => h("kbd", null, one)),
+            ),
+            h("dd", null, text),
+          ]),
+        ),
+        h("h2", null, "Legend"),
+        h(
+          "ul",
+          null,
+          h("li", null, "A disc is a token: its colour and number are those of the robot. ×3 are three tokens."),
+          h(
+            "li",
+            null,
+            "Bars are elements in progress: filled for activities, dashed where a token waits, hatched if cancelled, with a red border and ✕ if failed.",
+          ),
+          h(
+            "li",
+            null,
+            "Arrows are signals, from their sender to the robots that received them. ✕ is an error, ▲ a report.",
+          ),
+          h("li", null, "Double-click a call activity to see what runs in it."),
+        ),
+      ),
+    );
     dialog.showModal();
   }
 
   keys() {
-    const { player } = this, robot = (r) => this.mission.robots[r] && this.select({ robot: r });
-    const actions = { " ": () => this.pause(), ArrowLeft: (event) => event.shiftKey ? player.seek(player.time - 1e9) : this.step(-1),
-      ArrowRight: (event) => event.shiftKey ? player.seek(player.time + 1e9) : this.forward(), Home: () => player.seek(0), End: () => player.seek(this.store.end),
-      "[": () => player.faster(-1), "]": () => player.faster(1), "+": () => this.timeline.zoom(1 / 1.6), "=": () => this.timeline.zoom(1 / 1.6), "-": () => this.timeline.zoom(1.6),
-      0: () => this.timeline.all(), f: () => this.diagram.view.fit(), l: () => this.isLive() && player.follow(), a: () => this.select({ robot: -1 }), "?": () => this.help(),
-      m: () => this.panes.maximise(), Escape: () => this.panes.restore() || (this.selected.element >= 0 || this.selected.robot >= 0 ? this.select({ robot: -1, element: -1 }) : this.diagram.up()) };
+    const { player } = this;
+    const robot = (r) => this.mission.robots[r] && this.select({ robot: r });
+    const actions = {
+      " ": () => this.pause(),
+      ArrowLeft: (event) => (event.shiftKey ? player.seek(player.time - 1e9) : this.step(-1)),
+      ArrowRight: (event) => (event.shiftKey ? player.seek(player.time + 1e9) : this.forward()),
+      Home: () => player.seek(0),
+      End: () => player.seek(this.store.end),
+      "[": () => player.faster(-1),
+      "]": () => player.faster(1),
+      "+": () => this.timeline.zoom(1 / 1.6),
+      "=": () => this.timeline.zoom(1 / 1.6),
+      "-": () => this.timeline.zoom(1.6),
+      0: () => this.timeline.all(),
+      f: () => this.diagram.view.fit(),
+      l: () => this.isLive() && player.follow(),
+      a: () => this.select({ robot: -1 }),
+      "?": () => this.help(),
+      m: () => this.panes.maximise(),
+      Escape: () =>
+        this.panes.restore() ||
+        (this.selected.element >= 0 || this.selected.robot >= 0
+          ? this.select({ robot: -1, element: -1 })
+          : this.diagram.up()),
+    };
     for (let number = 1; number <= 9; number += 1) actions[number] = () => robot(number - 1);
     addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;

@@ -2,11 +2,29 @@
 
 import { s } from "./dom.js";
 
-const LEAST = 9, DOT = 8; // px of a name, and of a shape that is more than a dot
-const SIGN = 18, BARE = 6, MOST = 2.2; // units of a pictogram, px of one that is shown; how many times a name beside a shape may grow
+const LEAST = 9;
+const DOT = 8; // px of a name, and of a shape that is more than a dot
+const SIGN = 18;
+const BARE = 6;
+const MOST = 2.2; // units of a pictogram, px of one that is shown; how many times a name beside a shape may grow
 const BAND = 30; // units of the name of a pool or lane
-const AROUND = [[0, 0], [0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, 1], [1, -1], [-1, -1], [0, 2], [0, -2]]; // places of a name beside a shape, in its widths and heights
-const LEADING = 1.2, PAD = 4, CORNER = 20, FOOT = 18; // of a line; room beside a text, for a pictogram, for a marker
+const AROUND = [
+  [0, 0],
+  [0, 1],
+  [0, -1],
+  [1, 0],
+  [-1, 0],
+  [1, 1],
+  [-1, 1],
+  [1, -1],
+  [-1, -1],
+  [0, 2],
+  [0, -2],
+]; // places of a name beside a shape, in its widths and heights
+const LEADING = 1.2;
+const PAD = 4;
+const CORNER = 20;
+const FOOT = 18; // of a line; room beside a text, for a pictogram, for a marker
 const ruler = document.createElement("canvas").getContext("2d");
 ruler.font = '100px Arial, Helvetica, "Liberation Sans", sans-serif';
 
@@ -40,15 +58,29 @@ function wrapped(text, room, size) {
 
 /** What a name shows in its box: {lines, top, plain: whether the pictograms have to go}; null where it has no room. */
 function inside({ box: [, y, width, height], text, corner, foot }, size) {
-  const room = width - 2 * PAD, line = size * LEADING, lines = wrapped(text, room, size), fits = lines.every((one) => wide(one, size) <= room);
-  for (const [above, below] of [[corner ? CORNER : PAD, foot ? FOOT : PAD], [PAD, PAD]]) {
+  const room = width - 2 * PAD;
+  const line = size * LEADING;
+  const lines = wrapped(text, room, size);
+  const fits = lines.every((one) => wide(one, size) <= room);
+  for (const [above, below] of [
+    [corner ? CORNER : PAD, foot ? FOOT : PAD],
+    [PAD, PAD],
+  ]) {
     const free = height - above - below;
-    if (fits && lines.length * line <= free) return { lines, top: y + above + (free - lines.length * line) / 2, plain: above + below < (corner + foot) * CORNER };
+    if (fits && lines.length * line <= free)
+      return {
+        lines,
+        top: y + above + (free - lines.length * line) / 2,
+        plain: above + below < (corner + foot) * CORNER,
+      };
   }
-  const most = Math.floor((height - 2 * PAD) / line), shown = lines.slice(0, most);
+  const most = Math.floor((height - 2 * PAD) / line);
+  const shown = lines.slice(0, most);
   if (lines.length > most && most > 0) shown[most - 1] = `${shown[most - 1]} …`;
   const short = shown.map((one) => cut(one, room, size));
-  return short.length && short.every(Boolean) ? { lines: short, top: y + (height - short.length * line) / 2, plain: true } : null;
+  return short.length && short.every(Boolean)
+    ? { lines: short, top: y + (height - short.length * line) / 2, plain: true }
+    : null;
 }
 
 /** Where a name beside a shape begins when it is larger: it grows away from the shape. */
@@ -63,50 +95,99 @@ export class Names {
   constructor({ drawing, groups, shapes, shift, pins }) {
     this.pools = pins.frames.map(({ box }) => moved(box, shift));
     this.bands = this.pools.filter((_, at) => pins.frames[at].turned);
-    this.shapes = [...shapes].filter(([number]) => groups.has(number) && !groups.get(number).classList.contains("frame")).map(([number, box]) => [groups.get(number), moved(box, shift)]);
+    this.shapes = [...shapes]
+      .filter(([number]) => groups.has(number) && !groups.get(number).classList.contains("frame"))
+      .map(([number, box]) => [groups.get(number), moved(box, shift)]);
     this.names = [];
     for (const node of drawing.querySelectorAll("text")) {
-      const group = node.parentNode.closest("[data-element]") ?? s("g"), box = shapes.get(Number(group.dataset.element)), owner = box && moved(box, shift);
-      const kept = [...node.childNodes], size = Number(node.getAttribute("font-size")), lines = kept.map((one) => one.textContent);
-      const [corner, foot] = [-1, 1].map((side) => Number([...group.querySelectorAll(":scope > g")].some((sign) => owner && side * (heightOf(sign) - owner[1] - owner[3] / 2) > 0)));
-      const halo = node.hasAttribute("paint-order") || !owner, [x, first] = ["x", "y"].map((name) => Number(kept[0].getAttribute(name)));
+      const group = node.parentNode.closest("[data-element]") ?? s("g");
+      const box = shapes.get(Number(group.dataset.element));
+      const owner = box && moved(box, shift);
+      const kept = [...node.childNodes];
+      const size = Number(node.getAttribute("font-size"));
+      const lines = kept.map((one) => one.textContent);
+      const [corner, foot] = [-1, 1].map((side) =>
+        Number(
+          [...group.querySelectorAll(":scope > g")].some(
+            (sign) => owner && side * (heightOf(sign) - owner[1] - owner[3] / 2) > 0,
+          ),
+        ),
+      );
+      const halo = node.hasAttribute("paint-order") || !owner;
+      const [x, first] = ["x", "y"].map((name) => Number(kept[0].getAttribute(name)));
       const width = Math.max(...lines.map((line) => wide(line, size)));
       const title = group.classList.contains("frame") ? [owner[0], owner[1] + 2, owner[2], 2 * size + 2 * PAD] : owner;
-      this.names.push({ group, node, kept, size, lines, text: lines.join(" "), x, corner, foot, halo, owner, box: title, at: [x - width / 2, first - 0.95 * size, width, lines.length * size * LEADING] });
+      this.names.push({
+        group,
+        node,
+        kept,
+        size,
+        lines,
+        text: lines.join(" "),
+        x,
+        corner,
+        foot,
+        halo,
+        owner,
+        box: title,
+        at: [x - width / 2, first - 0.95 * size, width, lines.length * size * LEADING],
+      });
     }
   }
 
   /** Show what can be read at a scale. */
   fit(scale) {
-    for (const [group, [, , width, height]] of this.shapes) group.classList.toggle("dot", Math.min(width, height) * scale < DOT);
-    const taken = [], shapes = this.shapes.map(([, box]) => box), bare = SIGN * scale < BARE;
+    for (const [group, [, , width, height]] of this.shapes)
+      group.classList.toggle("dot", Math.min(width, height) * scale < DOT);
+    const taken = [];
+    const shapes = this.shapes.map(([, box]) => box);
+    const bare = SIGN * scale < BARE;
     for (const name of this.names) {
-      const size = Math.max(name.size, LEAST / scale), grown = size > name.size;
+      const size = Math.max(name.size, LEAST / scale);
+      const grown = size > name.size;
       const place = name.halo ? this.beside(name, size, taken, grown ? shapes : []) : grown ? inside(name, size) : {};
       name.node.toggleAttribute("hidden", place === null);
       name.group.classList.toggle("plain", bare || Boolean(place?.plain));
       if (place === null) continue;
       name.node.setAttribute("font-size", size);
-      if (place.lines) name.node.replaceChildren(...place.lines.map((line, at) => s("tspan", { x: place.x ?? name.x, y: place.top + (at + 0.5) * size * LEADING + 0.35 * size }, line)));
+      if (place.lines)
+        name.node.replaceChildren(
+          ...place.lines.map((line, at) =>
+            s("tspan", { x: place.x ?? name.x, y: place.top + (at + 0.5) * size * LEADING + 0.35 * size }, line),
+          ),
+        );
       else name.node.replaceChildren(...name.kept);
     }
   }
 
   /** Whether a name that grows stays in the pools and lanes that its shape is in, and out of the others. */
   stays({ owner }, box) {
-    const within = ([x, y, width, height], [left, top, wide, high]) => x >= left && y >= top && x + width <= left + wide && y + height <= top + high;
+    const within = ([x, y, width, height], [left, top, wide, high]) =>
+      x >= left && y >= top && x + width <= left + wide && y + height <= top + high;
     return !owner || this.pools.every((pool) => (within(owner, pool) ? within(box, pool) : apart(box, pool)));
   }
 
   /** The first place at or around its own where a name is on nothing else: {lines, top, x}; null if there is none. */
   beside(name, size, taken, shapes) {
-    const { lines } = name, grown = size > name.size, width = Math.max(...lines.map((line) => wide(line, size))), tall = lines.length * size * LEADING;
-    const top = grown ? begins(name, size) : name.at[1], aside = width / 2 + size;
-    const bands = this.bands.filter(([x, y, wideAs, high]) => name.x > x && name.x < x + wideAs && top > y && top < y + high).map(([x]) => x + BAND);
+    const { lines } = name;
+    const grown = size > name.size;
+    const width = Math.max(...lines.map((line) => wide(line, size)));
+    const tall = lines.length * size * LEADING;
+    const top = grown ? begins(name, size) : name.at[1];
+    const aside = width / 2 + size;
+    const bands = this.bands
+      .filter(([x, y, wideAs, high]) => name.x > x && name.x < x + wideAs && top > y && top < y + high)
+      .map(([x]) => x + BAND);
     const left = Math.max(name.x - width / 2, ...(grown ? bands : [])); // not under the name of a pool
     if (size > MOST * name.size) return null;
-    const box = AROUND.map(([x, y]) => [x * aside, y * tall]).map(([dx, dy]) => [left + dx, top + dy, width, tall])
-      .find((one) => taken.every((other) => apart(spaced(one, size), other)) && shapes.every((other) => apart(one, other)) && (!grown || this.stays(name, one)));
+    const box = AROUND.map(([x, y]) => [x * aside, y * tall])
+      .map(([dx, dy]) => [left + dx, top + dy, width, tall])
+      .find(
+        (one) =>
+          taken.every((other) => apart(spaced(one, size), other)) &&
+          shapes.every((other) => apart(one, other)) &&
+          (!grown || this.stays(name, one)),
+      );
     if (!box && grown) return null;
     taken.push(box ?? name.at);
     return !grown && (!box || (box[0] === left && box[1] === top)) ? {} : { lines, top: box[1], x: box[0] + width / 2 };
@@ -120,23 +201,56 @@ export class Pins {
     this.frames = [...groups].flatMap(([number, group]) => {
       const banner = group.classList.contains("frame") && group.querySelector(":scope > g > text")?.parentNode;
       if (!banner) return [];
-      const text = [...banner.querySelectorAll("tspan")].map((one) => one.textContent).join(" "), turned = /rotate/.test(banner.getAttribute("transform"));
+      const text = [...banner.querySelectorAll("tspan")].map((one) => one.textContent).join(" ");
+      const turned = /rotate/.test(banner.getAttribute("transform"));
       banner.remove();
       return [{ number, text, box: shapes.get(number), turned, over: turned ? 0 : 1 }]; // over: the axis, x or y, that the band lies across
     });
-    this.frames.forEach((one) => { one.depth = this.frames.filter(({ box }) => box !== one.box && !apart(box, one.box) && box[2 + one.over] > one.box[2 + one.over]).length; });
+    this.frames.forEach((one) => {
+      one.depth = this.frames.filter(
+        ({ box }) => box !== one.box && !apart(box, one.box) && box[2 + one.over] > one.box[2 + one.over],
+      ).length;
+    });
   }
 
   /** The content is at `origin` [x, y] in a box of a size [width, height]. */
   place(origin, scale, room, chosen) {
-    this.node.replaceChildren(...this.frames.flatMap(({ number, text, box, depth, turned, over }) => {
-      const along = 1 - over, [begins, ends] = [0, 1].map((end) => [0, 1].map((axis) => origin[axis] + (box[axis] + end * box[2 + axis]) * scale));
-      const band = BAND * scale, wideAs = Math.max(band, 20), from = Math.max(depth * 20, begins[over] + band - wideAs), first = Math.max(0, begins[along]), long = Math.min(room[along], ends[along]) - first;
-      const size = Math.min(Math.max(12 * scale, 11), 16), shown = cut(text, long - 6, size), at = (a, b) => (over ? [b, a] : [a, b]);
-      if (from + wideAs > ends[over] || long < 2 * LEAST) return [];
-      const [x, y] = at(from, first), [width, height] = at(wideAs, long);
-      return s("g", { cls: number === chosen ? "pin on" : "pin", dataset: { element: number } }, s("title", null, text), s("rect", { x, y, width, height }),
-        shown ? s("text", { transform: `translate(${x + width / 2} ${y + height / 2})${turned ? " rotate(-90)" : ""}`, y: 0.35 * size, "font-size": size, "text-anchor": "middle" }, shown) : null);
-    }));
+    this.node.replaceChildren(
+      ...this.frames.flatMap(({ number, text, box, depth, turned, over }) => {
+        const along = 1 - over;
+        const [begins, ends] = [0, 1].map((end) =>
+          [0, 1].map((axis) => origin[axis] + (box[axis] + end * box[2 + axis]) * scale),
+        );
+        const band = BAND * scale;
+        const wideAs = Math.max(band, 20);
+        const from = Math.max(depth * 20, begins[over] + band - wideAs);
+        const first = Math.max(0, begins[along]);
+        const long = Math.min(room[along], ends[along]) - first;
+        const size = Math.min(Math.max(12 * scale, 11), 16);
+        const shown = cut(text, long - 6, size);
+        const at = (a, b) => (over ? [b, a] : [a, b]);
+        if (from + wideAs > ends[over] || long < 2 * LEAST) return [];
+        const [x, y] = at(from, first);
+        const [width, height] = at(wideAs, long);
+        return s(
+          "g",
+          { cls: number === chosen ? "pin on" : "pin", dataset: { element: number } },
+          s("title", null, text),
+          s("rect", { x, y, width, height }),
+          shown
+            ? s(
+                "text",
+                {
+                  transform: `translate(${x + width / 2} ${y + height / 2})${turned ? " rotate(-90)" : ""}`,
+                  y: 0.35 * size,
+                  "font-size": size,
+                  "text-anchor": "middle",
+                },
+                shown,
+              )
+            : null,
+        );
+      }),
+    );
   }
 }

@@ -47,10 +47,18 @@ export class Plots {
 
   /** Show what a model of monitoring tells of a recording: channels in the band of its training runs, and alarms. */
   judge({ begin, model, alarms, channels }) {
-    const moved = (time) => time - begin, spans = alarms.map(({ from, until, text }) => ({ from: moved(from), until: moved(until), text }));
-    channels.forEach(({ name, times, values, low, high }, number) => this.toggle({
-      r: -1, name, topic: `${model} ${number}`, band: { low, high, model }, alarms: spans, data: [times.map(moved), values],
-    }));
+    const moved = (time) => time - begin;
+    const spans = alarms.map(({ from, until, text }) => ({ from: moved(from), until: moved(until), text }));
+    channels.forEach(({ name, times, values, low, high }, number) =>
+      this.toggle({
+        r: -1,
+        name,
+        topic: `${model} ${number}`,
+        band: { low, high, model },
+        alarms: spans,
+        data: [times.map(moved), values],
+      }),
+    );
   }
 
   title({ name, path, topic, band }) {
@@ -61,9 +69,22 @@ export class Plots {
   labels(top) {
     return this.shown.map((plot, place) => {
       plot.value = h("small");
-      const label = h("div", { cls: "lane plot" }, h("span", null, h("b", { title: this.title(plot) }, plot.band ? plot.name.split(".").at(-1) : this.title(plot)),
-        plot.band ? h("em", null, `in the band of ${plot.band.model}`) : plot.topic ? null : h("em", null, this.app.mission.robots[plot.r]?.name ?? ""), plot.value),
-        h("button", { title: "Remove the plot", onclick: () => this.toggle(plot) }, icon("close")));
+      const label = h(
+        "div",
+        { cls: "lane plot" },
+        h(
+          "span",
+          null,
+          h("b", { title: this.title(plot) }, plot.band ? plot.name.split(".").at(-1) : this.title(plot)),
+          plot.band
+            ? h("em", null, `in the band of ${plot.band.model}`)
+            : plot.topic
+              ? null
+              : h("em", null, this.app.mission.robots[plot.r]?.name ?? ""),
+          plot.value,
+        ),
+        h("button", { title: "Remove the plot", onclick: () => this.toggle(plot) }, icon("close")),
+      );
       label.style.top = `${top + place * HEIGHT}px`;
       label.style.height = `${HEIGHT}px`;
       return label;
@@ -76,7 +97,8 @@ export class Plots {
     if (plot.band) return plot.data;
     if (plot.version === store.version) return plot.data;
     plot.version = store.version;
-    const times = [], values = [];
+    const times = [];
+    const values = [];
     const add = (time, value) => {
       if (Number.isNaN(value) && Number.isNaN(values.at(-1) ?? NaN)) return;
       times.push(time);
@@ -84,10 +106,14 @@ export class Plots {
     };
     for (const { data } of store.blocks) {
       if (!data) continue;
-      if (plot.topic) for (const [time, topic, , content] of data.messages) if (topic === plot.topic) add(time, numeric(content, plot.path));
+      if (plot.topic)
+        for (const [time, topic, , content] of data.messages)
+          if (topic === plot.topic) add(time, numeric(content, plot.path));
       if (plot.topic) continue;
-      for (const [r, , held] of data.key.variables) if (r === plot.r && plot.name in held) add(data.start, numeric(held[plot.name][0], plot.path));
-      for (const [time, r, , changed] of data.variables) if (r === plot.r && changed !== null && plot.name in changed) add(time, numeric(changed[plot.name], plot.path));
+      for (const [r, , held] of data.key.variables)
+        if (r === plot.r && plot.name in held) add(data.start, numeric(held[plot.name][0], plot.path));
+      for (const [time, r, , changed] of data.variables)
+        if (r === plot.r && changed !== null && plot.name in changed) add(time, numeric(changed[plot.name], plot.path));
     }
     plot.data = [times, values];
     return plot.data;
@@ -95,7 +121,9 @@ export class Plots {
 
   values(time) {
     for (const plot of this.shown) {
-      const [times, values] = this.series(plot), at = after(times, time) - 1, value = values[at];
+      const [times, values] = this.series(plot);
+      const at = after(times, time) - 1;
+      const value = values[at];
       const text = at < 0 || Number.isNaN(value) ? "–" : String(Number(value.toPrecision(6)));
       if (plot.value && plot.value.textContent !== text) plot.value.textContent = text;
     }
@@ -112,12 +140,14 @@ export class Plots {
     context.fillStyle = css("--accent");
     for (let at = first; at < last; at += 1) {
       if (band.low[at] === null) continue;
-      const x = timeline.x(times[at]), high = y(band.high[at]);
+      const x = timeline.x(times[at]);
+      const high = y(band.high[at]);
       context.fillRect(x, high, Math.max(1, timeline.x(times[at + 1]) - x), Math.max(1, y(band.low[at]) - high));
     }
     context.fillStyle = css("--failed");
     for (const { from, until, text } of alarms) {
-      const left = Math.max(-2, timeline.x(from)), wide = Math.max(2, Math.min(timeline.width + 2, timeline.x(until)) - left);
+      const left = Math.max(-2, timeline.x(from));
+      const wide = Math.max(2, Math.min(timeline.width + 2, timeline.x(until)) - left);
       if (left > timeline.width || wide < 2) continue;
       context.fillRect(left, top + 2, wide, HEIGHT - 4);
       hits.push([left, top, wide, HEIGHT, null, null, null, null, { from, until, text }]);
@@ -126,18 +156,25 @@ export class Plots {
   }
 
   tip({ from, until, text }) {
-    return [h("b", null, "Alarm"), ...text.map((line) => h("span", null, line)), h("span", null, `${clock(from)} – ${clock(until)}`)];
+    return [
+      h("b", null, "Alarm"),
+      ...text.map((line) => h("span", null, line)),
+      h("span", null, `${clock(from)} – ${clock(until)}`),
+    ];
   }
 
   drawOne(context, plot, top, hits) {
-    const { timeline } = this, [times, values] = this.series(plot);
+    const { timeline } = this;
+    const [times, values] = this.series(plot);
     const first = Math.max(0, after(times, timeline.from) - 1);
-    let low = Infinity, high = -Infinity;
+    let low = Infinity;
+    let high = -Infinity;
     const last = Math.min(times.length - 1, after(times, timeline.until));
     for (let at = first; at <= last; at += 1) {
       if (values[at] < low) low = values[at];
       if (values[at] > high) high = values[at];
-      if (plot.band && plot.band.low[at] !== null) [low, high] = [Math.min(low, plot.band.low[at]), Math.max(high, plot.band.high[at])];
+      if (plot.band && plot.band.low[at] !== null)
+        [low, high] = [Math.min(low, plot.band.low[at]), Math.max(high, plot.band.high[at])];
     }
     context.fillStyle = css("--line");
     context.fillRect(0, top + HEIGHT - 1, timeline.width, 1);
@@ -156,14 +193,19 @@ export class Plots {
     context.lineWidth = 1.5;
     context.lineJoin = "round";
     context.beginPath();
-    let before = NaN, px = -9, lowest = NaN, highest = NaN;
+    let before = NaN;
+    let px = -9;
+    let lowest = NaN;
+    let highest = NaN;
     for (let at = first; at <= last; at += 1) {
-      const value = values[at], x = timeline.x(times[at]);
+      const value = values[at];
+      const x = timeline.x(times[at]);
       if (Number.isNaN(value)) {
         before = NaN;
         continue;
       }
-      if (Math.round(x) === px) { // many in one pixel: a vertical line from the lowest to the highest
+      if (Math.round(x) === px) {
+        // many in one pixel: a vertical line from the lowest to the highest
         lowest = Math.min(lowest, value);
         highest = Math.max(highest, value);
         if (value === lowest || value === highest) context.lineTo(x, y(value));

@@ -32,14 +32,18 @@ export class Properties {
     const { store } = this.app;
     if (this.version === store.version) return;
     this.version = store.version;
-    const lanes = new Map(), named = new Map();
+    const lanes = new Map();
+    const named = new Map();
     for (const { data } of store.blocks) {
       for (const [time, change] of data?.properties ?? []) {
-        const { property: name, robots } = change, id = [name, ...robots].join(" ");
-        if (change.names) named.set(name, new Set([...(named.get(name) ?? []), ...change.names.map(([, element]) => element)]));
+        const { property: name, robots } = change;
+        const id = [name, ...robots].join(" ");
+        if (change.names)
+          named.set(name, new Set([...(named.get(name) ?? []), ...change.names.map(([, element]) => element)]));
         if (change.names && [...lanes.values()].some((lane) => lane.name === name)) continue;
         if (robots.length && lanes.get(name)?.spans.length === 0) lanes.delete(name); // of its robots apart
-        if (!lanes.has(id)) lanes.set(id, { id, name, robots, sentence: change.sentence, spans: [], curve: [], open: null, word: "" });
+        if (!lanes.has(id))
+          lanes.set(id, { id, name, robots, sentence: change.sentence, spans: [], curve: [], open: null, word: "" });
         if (!change.names) this.take(lanes.get(id), time, change);
       }
     }
@@ -54,17 +58,33 @@ export class Properties {
       Object.assign(lane.open, { until: verdict === "violated" ? change.time * 1e9 : time, verdict, slack });
       if (verdict === "violated") Object.assign(lane.open, { change });
       lane.open = null;
-    } else if (verdict === "violated") lane.spans.push({ from: (change.began ?? change.time) * 1e9, until: change.time * 1e9, verdict, change });
+    } else if (verdict === "violated")
+      lane.spans.push({ from: (change.began ?? change.time) * 1e9, until: change.time * 1e9, verdict, change });
     if (verdict === "pending") {
-      lane.open = { from: (change.began ?? time / 1e9) * 1e9, until: Infinity, due: change.time === null ? Infinity : change.time * 1e9, verdict, change };
+      lane.open = {
+        from: (change.began ?? time / 1e9) * 1e9,
+        until: Infinity,
+        due: change.time === null ? Infinity : change.time * 1e9,
+        verdict,
+        change,
+      };
       lane.spans.push(lane.open);
     } else if (slack !== null && !lane.spans.some((span) => Number.isFinite(span.due))) lane.curve.push([time, slack]);
   }
 
   labels(top) {
     return this.lanes.map((lane, place) => {
-      const label = h("button", { cls: `lane property${lane.id === this.chosen ? " on" : ""}`, title: lane.sentence, "aria-pressed": String(lane.id === this.chosen),
-        onclick: () => this.choose(lane, null) }, h("i", { cls: lane.word.replace(" ", "-") }), h("span", null, h("b", null, lane.name), lane.robots.length ? h("em", null, lane.robots.join(", ")) : null));
+      const label = h(
+        "button",
+        {
+          cls: `lane property${lane.id === this.chosen ? " on" : ""}`,
+          title: lane.sentence,
+          "aria-pressed": String(lane.id === this.chosen),
+          onclick: () => this.choose(lane, null),
+        },
+        h("i", { cls: lane.word.replace(" ", "-") }),
+        h("span", null, h("b", null, lane.name), lane.robots.length ? h("em", null, lane.robots.join(", ")) : null),
+      );
       label.style.top = `${top + place * HEIGHT}px`;
       label.style.height = `${HEIGHT}px`;
       return label;
@@ -76,20 +96,36 @@ export class Properties {
   }
 
   drawOne(context, lane, top, hits) {
-    const { timeline } = this, { store } = this.app, failed = css("--failed"), accent = css("--accent"), bottom = top + HEIGHT - 4;
+    const { timeline } = this;
+    const { store } = this.app;
+    const failed = css("--failed");
+    const accent = css("--accent");
+    const bottom = top + HEIGHT - 4;
     context.fillStyle = css("--line");
     context.fillRect(0, top + HEIGHT - 1, timeline.width, 1);
     for (const span of lane.spans) {
-      const until = Math.min(span.until, store.end), left = Math.max(-2, timeline.x(span.from)), right = Math.min(timeline.width + 2, timeline.x(until));
+      const until = Math.min(span.until, store.end);
+      const left = Math.max(-2, timeline.x(span.from));
+      const right = Math.min(timeline.width + 2, timeline.x(until));
       if (right < 0 || left > timeline.width) continue;
-      const wide = Math.max(2, right - left), bad = span.verdict === "violated", at = (time) => timeline.x(time);
+      const wide = Math.max(2, right - left);
+      const bad = span.verdict === "violated";
+      const at = (time) => timeline.x(time);
       context.globalAlpha = 0.22;
       context.fillStyle = bad ? failed : accent;
       context.fillRect(left, top + 4, wide, HEIGHT - 8);
       context.globalAlpha = 1;
-      if (Number.isFinite(span.due)) { // what is left falls in a straight line
+      if (Number.isFinite(span.due)) {
+        // what is left falls in a straight line
         const rest = Math.max(0, (span.due - until) / (span.due - span.from));
-        this.line(context, [[at(span.from), top + 4], [at(until), bottom - rest * (HEIGHT - 8)]], bad ? failed : accent);
+        this.line(
+          context,
+          [
+            [at(span.from), top + 4],
+            [at(until), bottom - rest * (HEIGHT - 8)],
+          ],
+          bad ? failed : accent,
+        );
       }
       if (bad) {
         const x = timeline.x(span.until);
@@ -101,7 +137,10 @@ export class Properties {
     }
     if (lane.curve.length > 1) {
       const most = Math.max(...lane.curve.map(([, slack]) => slack), 1e-9);
-      const points = lane.curve.map(([time, slack]) => [timeline.x(time), bottom - (Math.max(0, slack) / most) * (HEIGHT - 8)]);
+      const points = lane.curve.map(([time, slack]) => [
+        timeline.x(time),
+        bottom - (Math.max(0, slack) / most) * (HEIGHT - 8),
+      ]);
       this.line(context, [...points, [timeline.x(store.end), points.at(-1)[1]]], accent);
     }
   }
@@ -112,8 +151,14 @@ export class Properties {
   }
 
   tip(lane, span) {
-    const left = Number.isFinite(span.due) ? ` · ${((span.due - Math.min(span.until, this.app.store.end)) / 1e9).toPrecision(3)} s left` : "";
-    return [h("b", null, lane.name), h("span", null, lane.sentence), h("span", null, `${clock(span.from)} – ${clock(Math.min(span.until, this.app.store.end))}${left}`)];
+    const left = Number.isFinite(span.due)
+      ? ` · ${((span.due - Math.min(span.until, this.app.store.end)) / 1e9).toPrecision(3)} s left`
+      : "";
+    return [
+      h("b", null, lane.name),
+      h("span", null, lane.sentence),
+      h("span", null, `${clock(span.from)} – ${clock(Math.min(span.until, this.app.store.end))}${left}`),
+    ];
   }
 
   /** Outline the elements of a property, and show its sentence and the events of a span; again: neither. */
@@ -122,23 +167,40 @@ export class Properties {
     this.chosen = close ? "" : lane.id;
     const broken = span ?? lane.spans.find((one) => one.verdict === "violated") ?? null;
     this.card.hidden = close;
-    show(this.card, h("button", { cls: "close", title: "Close", onclick: () => this.choose(lane, null) }, "×"), h("b", null, `${lane.name}: ${broken?.verdict ?? lane.word}`),
-      h("span", { cls: "sentence" }, lane.sentence), broken?.change.text ? h("span", null, broken.change.text) : null, broken ? h("div", null, this.jumps(broken)) : null);
+    show(
+      this.card,
+      h("button", { cls: "close", title: "Close", onclick: () => this.choose(lane, null) }, "×"),
+      h("b", null, `${lane.name}: ${broken?.verdict ?? lane.word}`),
+      h("span", { cls: "sentence" }, lane.sentence),
+      broken?.change.text ? h("span", null, broken.change.text) : null,
+      broken ? h("div", null, this.jumps(broken)) : null,
+    );
     this.app.redraw();
   }
 
   /** Buttons that show the events, and the instant, at which a span began and ended. */
   jumps({ from, until, verdict, change }) {
-    const { elements, robots } = this.app.mission, found = [], end = Number.isFinite(until) ? until : null;
-    const jump = (time, event, text) => h("button", { onclick: () => {
-      this.app.player.seek(time);
-      if (event) this.app.select({ robot: event[0], element: event[1] }, { reveal: true });
-    } }, `${clock(time)} ${text}`);
+    const { elements, robots } = this.app.mission;
+    const found = [];
+    const end = Number.isFinite(until) ? until : null;
+    const jump = (time, event, text) =>
+      h(
+        "button",
+        {
+          onclick: () => {
+            this.app.player.seek(time);
+            if (event) this.app.select({ robot: event[0], element: event[1] }, { reveal: true });
+          },
+        },
+        `${clock(time)} ${text}`,
+      );
     const named = ([r, e]) => `${robots[r]?.name ?? ""} ${elements[e]?.name || elements[e]?.id || ""}`;
-    const [first, last = null] = change.elements, one = change.began === null;
+    const [first, last = null] = change.elements;
+    const one = change.began === null;
     if (first && !one) found.push(jump(from, first, named(first)));
     const closing = one ? first : last;
-    if (end !== null && verdict === "violated") found.push(jump(end, closing ?? null, closing ? named(closing) : "violated"));
+    if (end !== null && verdict === "violated")
+      found.push(jump(end, closing ?? null, closing ? named(closing) : "violated"));
     return found;
   }
 }

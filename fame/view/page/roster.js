@@ -1,27 +1,58 @@
 // What each robot of the team does at an instant, in the words of the diagram, and who needs somebody.
 
 /** The states of a robot, those that need somebody first. */
-export const STATES = ["incident", "lost", "failed", "waiting", "suspended", "running", "idle", "completed", "cancelled"];
-export const STATE_WORDS = { incident: "incident", lost: "lost", failed: "failed", waiting: "waits for a person", suspended: "suspended", running: "running",
-  idle: "no mission", completed: "completed", cancelled: "cancelled" };
+export const STATES = [
+  "incident",
+  "lost",
+  "failed",
+  "waiting",
+  "suspended",
+  "running",
+  "idle",
+  "completed",
+  "cancelled",
+];
+export const STATE_WORDS = {
+  incident: "incident",
+  lost: "lost",
+  failed: "failed",
+  waiting: "waits for a person",
+  suspended: "suspended",
+  running: "running",
+  idle: "no mission",
+  completed: "completed",
+  cancelled: "cancelled",
+};
 const byName = new Intl.Collator(undefined, { numeric: true });
 /** The states of robots that need somebody. */
 export const WANTED = new Set(["incident", "lost", "failed", "waiting"]);
 const SPOKEN = /task|callActivity|subProcess|transaction|adHoc/i;
-const PROGRESS = [["distance_remaining", (m) => `${m.toFixed(1)} m to go`], ["number_of_poses_remaining", (n) => `${n} places to go`], ["time_left", (s) => `${s.toFixed(0)} s to go`],
-  ["distance_traveled", (m) => `${m.toFixed(1)} m done`], ["angular_distance_traveled", (rad) => `${((rad * 180) / Math.PI).toFixed(0)}° done`]];
+const PROGRESS = [
+  ["distance_remaining", (m) => `${m.toFixed(1)} m to go`],
+  ["number_of_poses_remaining", (n) => `${n} places to go`],
+  ["time_left", (s) => `${s.toFixed(0)} s to go`],
+  ["distance_traveled", (m) => `${m.toFixed(1)} m done`],
+  ["angular_distance_traveled", (rad) => `${((rad * 180) / Math.PI).toFixed(0)}° done`],
+];
 
 /** The people that have to do something at a token: it waits for somebody to complete it, or to repair it. */
 export const needsSomebody = (wait) => wait.kind === "incident" || (wait.kind === "user" && !wait.suspended);
 
 /** A row for each robot: {r, name, state, doing, progress, since, battery, open: tokens that need somebody, missed, failed: how many of its instances did}. */
 export function roster(app, state, time) {
-  const rows = app.mission.robots.map(({ name }, r) => ({ r, name, tokens: [], waits: [...(state.waits.get(r)?.values() ?? [])] }));
+  const rows = app.mission.robots.map(({ name }, r) => ({
+    r,
+    name,
+    tokens: [],
+    waits: [...(state.waits.get(r)?.values() ?? [])],
+  }));
   for (const token of state.tokens.values()) rows[token.r]?.tokens.push(token);
   const lost = app.lost(time);
   for (const row of rows) describe(app, state, time, row, lost.get(row.name));
   const longest = (a, b) => (WANTED.has(a.state) ? a.since - b.since : 0); // the others keep their places while they work
-  return rows.sort((a, b) => STATES.indexOf(a.state) - STATES.indexOf(b.state) || longest(a, b) || byName.compare(a.name, b.name));
+  return rows.sort(
+    (a, b) => STATES.indexOf(a.state) - STATES.indexOf(b.state) || longest(a, b) || byName.compare(a.name, b.name),
+  );
 }
 
 function describe(app, state, time, row, lost) {
@@ -38,14 +69,21 @@ function describe(app, state, time, row, lost) {
   row.by = suspended?.by ?? "";
   if (row.open.length) row.since = Math.min(...row.open.map((wait) => wait.since));
   row.battery = battery(app, state, row, time);
-  row.missed = row.waits.reduce((last, { missed, e }) => (missed && (!last || missed.time > last.time) ? { ...missed, e } : last), null);
+  row.missed = row.waits.reduce(
+    (last, { missed, e }) => (missed && (!last || missed.time > last.time) ? { ...missed, e } : last),
+    null,
+  );
 }
 
 /** Add to a row what its robot does, and the tokens that need somebody. `idle`: since when it does nothing. */
 function occupy(app, state, row, idle = -1) {
   row.open = row.waits.filter(needsSomebody).sort((a, b) => a.since - b.since);
-  const [task] = row.open, e = task === undefined ? -1 : drawn(app, state.openers(row.r, task.scope), task.e);
-  return Object.assign(row, activity(app, state, row) ?? { doing: e < 0 ? "" : nameOf(app, e), since: idle, element: e });
+  const [task] = row.open;
+  const e = task === undefined ? -1 : drawn(app, state.openers(row.r, task.scope), task.e);
+  return Object.assign(
+    row,
+    activity(app, state, row) ?? { doing: e < 0 ? "" : nameOf(app, e), since: idle, element: e },
+  );
 }
 
 /** What a robot does at an instant, in the words of the diagram. */
@@ -66,29 +104,58 @@ export function nameOf(app, element) {
 }
 
 function activity(app, state, row) {
-  const { elements } = app.mission, held = new Set(row.waits.filter((wait) => wait.suspended).map((wait) => `${wait.scope}/${wait.e}`));
-  const around = new Set(row.tokens.flatMap((token) => state.openers(token.r, token.s))), found = new Map();
+  const { elements } = app.mission;
+  const held = new Set(row.waits.filter((wait) => wait.suspended).map((wait) => `${wait.scope}/${wait.e}`));
+  const around = new Set(row.tokens.flatMap((token) => state.openers(token.r, token.s)));
+  const found = new Map();
   for (const token of row.tokens) {
-    const openers = state.openers(token.r, token.s), e = drawn(app, openers, token.e), element = elements[e];
-    if (element === undefined || /Gateway|process$/.test(element.tag) || (around.has(token.e) && element.calls === undefined)) continue;
-    const need = row.open.some((wait) => wait.e === token.e && wait.scope === token.s), still = held.has(`${token.s}/${token.e}`);
-    const rank = need ? 4 : still ? 0 : SPOKEN.test(element.tag) ? 3 : 1, known = found.get(e);
-    found.set(e, { e, rank: Math.max(rank, known?.rank ?? 0), since: Math.min(token.since, known?.since ?? Infinity), scopes: [...(known?.scopes ?? []), token.s] });
+    const openers = state.openers(token.r, token.s);
+    const e = drawn(app, openers, token.e);
+    const element = elements[e];
+    if (
+      element === undefined ||
+      /Gateway|process$/.test(element.tag) ||
+      (around.has(token.e) && element.calls === undefined)
+    )
+      continue;
+    const need = row.open.some((wait) => wait.e === token.e && wait.scope === token.s);
+    const still = held.has(`${token.s}/${token.e}`);
+    const rank = need ? 4 : still ? 0 : SPOKEN.test(element.tag) ? 3 : 1;
+    const known = found.get(e);
+    found.set(e, {
+      e,
+      rank: Math.max(rank, known?.rank ?? 0),
+      since: Math.min(token.since, known?.since ?? Infinity),
+      scopes: [...(known?.scopes ?? []), token.s],
+    });
   }
   const [first, ...more] = [...found.values()].sort((a, b) => b.rank - a.rank || b.since - a.since);
   if (first === undefined) return null;
-  const spoken = SPOKEN.test(elements[first.e].tag), others = more.filter(({ rank }) => rank > 1).length;
-  return { element: first.e, doing: `${spoken ? "" : "Waits: "}${nameOf(app, first.e)}`, more: others, since: first.since, progress: progress(app, state, row, first) };
+  const spoken = SPOKEN.test(elements[first.e].tag);
+  const others = more.filter(({ rank }) => rank > 1).length;
+  return {
+    element: first.e,
+    doing: `${spoken ? "" : "Waits: "}${nameOf(app, first.e)}`,
+    more: others,
+    since: first.since,
+    progress: progress(app, state, row, first),
+  };
 }
 
 /** How far an activity has come: from the feedback of its action, or the way to its goal. */
 function progress(app, state, { r }, { e, scopes }) {
-  const element = app.mission.elements[e], values = new Map();
+  const element = app.mission.elements[e];
+  const values = new Map();
   if (element.calls === undefined && !/service/i.test(element.tag)) return "";
-  for (const scope of scopes) for (const [name, value] of state.visible(r, scope)) if (!values.has(name)) values.set(name, value);
-  for (const [name, text] of PROGRESS) if (typeof values.get(name) === "number" && reads(app, element, name)) return text(values.get(name));
-  const pose = state.poses.get(r), [x, y] = [values.get("x_goal"), values.get("y_goal")];
-  return pose && typeof x === "number" && typeof y === "number" && reads(app, element, "x_goal") ? `${Math.hypot(x - pose.x, y - pose.y).toFixed(1)} m to go` : "";
+  for (const scope of scopes)
+    for (const [name, value] of state.visible(r, scope)) if (!values.has(name)) values.set(name, value);
+  for (const [name, text] of PROGRESS)
+    if (typeof values.get(name) === "number" && reads(app, element, name)) return text(values.get(name));
+  const pose = state.poses.get(r);
+  const [x, y] = [values.get("x_goal"), values.get("y_goal")];
+  return pose && typeof x === "number" && typeof y === "number" && reads(app, element, "x_goal")
+    ? `${Math.hypot(x - pose.x, y - pose.y).toFixed(1)} m to go`
+    : "";
 }
 
 /** Whether a call's process, or a task itself, is about a variable: others may have left it behind. */
@@ -96,15 +163,23 @@ function reads(app, element, name) {
   const { elements } = app.mission;
   element.about ??= new Map();
   if (!element.about.has(name)) {
-    const inside = element.calls === undefined ? [element] : elements.filter((one) => (one.file ?? 0) === (elements[element.calls]?.file ?? 0));
-    element.about.set(name, inside.some((one) => one.uses?.includes(name)));
+    const inside =
+      element.calls === undefined
+        ? [element]
+        : elements.filter((one) => (one.file ?? 0) === (elements[element.calls]?.file ?? 0));
+    element.about.set(
+      name,
+      inside.some((one) => one.uses?.includes(name)),
+    );
   }
   return element.about.get(name);
 }
 
 /** The charge of a robot, 0 to 1: of the simulated robot, or as its battery_state said last; null where nobody says. */
 function battery(app, state, { r, name }, time) {
-  const charge = state.poses.get(r)?.charge, row = app.store.lastMessage(`/${name}/battery_state`, time), told = row?.[3]?.percentage;
+  const charge = state.poses.get(r)?.charge;
+  const row = app.store.lastMessage(`/${name}/battery_state`, time);
+  const told = row?.[3]?.percentage;
   if (typeof told === "number") return told;
   return charge !== undefined && charge < 1 ? charge : null;
 }

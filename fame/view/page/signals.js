@@ -13,12 +13,14 @@ export const signalsAreNew = (block) => block.signals?.length !== block.columns.
 /** The throws and catches in a block: [time, robot, topic, thrown]. */
 export function signalsOf(block, mission) {
   if (!signalsAreNew(block)) return block.signals.found;
-  const { t, r, e, w } = block.columns, found = [];
+  const { t, r, e, w } = block.columns;
+  const found = [];
   for (let at = 0; at < t.length; at += 1) {
     if (w[at] !== LEAVE) continue;
     const topics = mission.elements[e[at]]?.topics;
     if (topics === undefined) continue;
-    for (const [topic, direction] of topics) found.push([t[at], r[at], full(topic, mission.robots[r[at]]?.name), direction === "throw"]);
+    for (const [topic, direction] of topics)
+      found.push([t[at], r[at], full(topic, mission.robots[r[at]]?.name), direction === "throw"]);
   }
   block.signals = { length: t.length, found };
   return found;
@@ -26,7 +28,8 @@ export function signalsOf(block, mission) {
 
 /** Arrows from the last throw on a topic to each catch of it by another robot. */
 export function link(blocks, mission) {
-  const last = new Map(), arrows = [];
+  const last = new Map();
+  const arrows = [];
   for (const { data } of blocks) {
     if (!data) continue;
     const found = signalsOf(data, mission);
@@ -39,9 +42,11 @@ export function link(blocks, mission) {
       // In one instant the catch may be recorded before the throw: robots are recorded one after the other.
       let cause = last.get(topic);
       for (let next = at + 1; next < found.length && found[next][0] === time; next += 1) {
-        if (found[next][3] && found[next][2] === topic && found[next][1] !== robot) cause = { time, robot: found[next][1], received: new Set() };
+        if (found[next][3] && found[next][2] === topic && found[next][1] !== robot)
+          cause = { time, robot: found[next][1], received: new Set() };
       }
-      if (cause === undefined || cause.robot === robot || time - cause.time > LATEST || cause.received.has(robot)) continue;
+      if (cause === undefined || cause.robot === robot || time - cause.time > LATEST || cause.received.has(robot))
+        continue;
       cause.received.add(robot);
       arrows.push({ from: cause.time, until: time, sender: cause.robot, receiver: robot, topic });
     }

@@ -6,7 +6,16 @@ import { drawn, nameOf } from "./roster.js";
 const PERIOD = 100; // ms between two commands
 const RENEWAL = 1000; // ms between two prolongations of the lease
 const TURN = 1; // rad/s
-const KEYS = { arrowup: [1, 0], w: [1, 0], arrowdown: [-1, 0], s: [-1, 0], arrowleft: [0, 1], a: [0, 1], arrowright: [0, -1], d: [0, -1] };
+const KEYS = {
+  arrowup: [1, 0],
+  w: [1, 0],
+  arrowdown: [-1, 0],
+  s: [-1, 0],
+  arrowleft: [0, 1],
+  a: [0, 1],
+  arrowright: [0, -1],
+  d: [0, -1],
+};
 const NARROW = matchMedia("(max-width: 1100px)");
 const clamp = (value) => Math.max(-1, Math.min(1, value));
 
@@ -26,7 +35,8 @@ export class Steer {
 
   async takeOver(r) {
     if (this.held) return;
-    const lease = [...crypto.getRandomValues(new Uint32Array(4))].join("-"), answer = await this.app.acts.send(r, "take_over", { lease });
+    const lease = [...crypto.getRandomValues(new Uint32Array(4))].join("-");
+    const answer = await this.app.acts.send(r, "take_over", { lease });
     if (!answer) return;
     this.held = { r, lease, steers: answer.steers };
     this.rest();
@@ -46,14 +56,19 @@ export class Steer {
   }
 
   async post(act, more) {
-    const { r, lease } = this.held, held = this.held, flight = this.app.post({ do: act, robot: this.app.mission.robots[r].name, lease, ...more });
+    const { r, lease } = this.held;
+    const held = this.held;
+    const flight = this.app.post({ do: act, robot: this.app.mission.robots[r].name, lease, ...more });
     this.flights.add(flight);
     try {
       await flight;
     } catch (error) {
       if (this.held !== held) return;
       this.close();
-      this.app.toast(`${this.app.mission.robots[r].name} has stopped, its mission is suspended: ${error.message}`, true);
+      this.app.toast(
+        `${this.app.mission.robots[r].name} has stopped, its mission is suspended: ${error.message}`,
+        true,
+      );
     } finally {
       this.flights.delete(flight);
     }
@@ -63,7 +78,16 @@ export class Steer {
 
   key(event) {
     const name = event.key.toLowerCase();
-    if (!this.held?.steers || !(name in KEYS) || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]") || /^(select|textarea)$/i.test(event.target.localName)) return;
+    if (
+      !this.held?.steers ||
+      !(name in KEYS) ||
+      event.ctrlKey ||
+      event.metaKey ||
+      event.altKey ||
+      document.querySelector("dialog[open]") ||
+      /^(select|textarea)$/i.test(event.target.localName)
+    )
+      return;
     event.preventDefault();
     event.stopImmediatePropagation();
     if (event.type === "keydown") this.pressed.add(name);
@@ -89,7 +113,10 @@ export class Steer {
   /** Send what the person wants now; a last time when they want nothing more. One command is under way at a time. */
   async command() {
     if (!this.held?.steers || this.busy || this.ends) return;
-    const wanted = [...this.pressed].map((name) => KEYS[name]).concat([this.pad]).reduce((sum, one) => sum.map((value, at) => clamp(value + one[at])));
+    const wanted = [...this.pressed]
+      .map((name) => KEYS[name])
+      .concat([this.pad])
+      .reduce((sum, one) => sum.map((value, at) => clamp(value + one[at])));
     const moves = wanted.some(Boolean);
     if (!moves && !this.moved) return;
     this.moved = moves;
@@ -101,20 +128,66 @@ export class Steer {
   // ---- the panel ---------------------------------------------------------------------------------
 
   open() {
-    const { steers, r } = this.held, { name } = this.app.mission.robots[r], push = (event) => event.currentTarget.hasPointerCapture(event.pointerId) && this.pushAt(event), rest = () => this.push([0, 0]);
+    const { steers, r } = this.held;
+    const { name } = this.app.mission.robots[r];
+    const push = (event) => event.currentTarget.hasPointerCapture(event.pointerId) && this.pushAt(event);
+    const rest = () => this.push([0, 0]);
     const button = (text, title, action, cls = "") => h("button", { cls: `text ${cls}`, title, onclick: action }, text);
     this.knob = h("i");
-    this.speed = h("input", { type: "range", min: 0.1, max: 1, step: 0.1, value: 0.3, "aria-label": "Speed", oninput: () => this.shown() });
+    this.speed = h("input", {
+      type: "range",
+      min: 0.1,
+      max: 1,
+      step: 0.1,
+      value: 0.3,
+      "aria-label": "Speed",
+      oninput: () => this.shown(),
+    });
     this.value = h("output");
     this.place = h("select", { "aria-label": "Activity" });
-    const pad = h("div", { cls: "pad", role: "img", "aria-label": "Pad to steer: keys W A S D or the arrows do the same", onpointerdown: (event) => { event.currentTarget.setPointerCapture(event.pointerId); this.pushAt(event); },
-      onpointermove: push, onpointerup: rest, onpointercancel: rest, onlostpointercapture: rest }, icon("plus"), this.knob);
+    const pad = h(
+      "div",
+      {
+        cls: "pad",
+        role: "img",
+        "aria-label": "Pad to steer: keys W A S D or the arrows do the same",
+        onpointerdown: (event) => {
+          event.currentTarget.setPointerCapture(event.pointerId);
+          this.pushAt(event);
+        },
+        onpointermove: push,
+        onpointerup: rest,
+        onpointercancel: rest,
+        onlostpointercapture: rest,
+      },
+      icon("plus"),
+      this.knob,
+    );
     this.root.replaceChildren(
-      h("div", { cls: "bar" }, h("h2", null, `You hold ${name}`), h("span", { cls: "space" }), button("Let go", "Its mission stays suspended, for somebody else", () => this.end("suspend"))),
-      h("div", { cls: "hand" }, steers ? h("div", { cls: "drive" }, pad, h("label", null, "Speed ", this.speed, this.value)) : h("p", { cls: "quiet" }, "It cannot be steered: it only holds."),
-        h("div", { cls: "acts" }, button("Resume", "Activities begin again with their variables", () => this.end("continue"), "strong"), this.place,
-          button("Restart", "The activity begins anew, with all that it called", () => this.end("restart")), button("Skip", "The activity is left without its results", () => this.end("skip")),
-          button("Fail", "The activity raises the error taken_over", () => this.end("fail")))));
+      h(
+        "div",
+        { cls: "bar" },
+        h("h2", null, `You hold ${name}`),
+        h("span", { cls: "space" }),
+        button("Let go", "Its mission stays suspended, for somebody else", () => this.end("suspend")),
+      ),
+      h(
+        "div",
+        { cls: "hand" },
+        steers
+          ? h("div", { cls: "drive" }, pad, h("label", null, "Speed ", this.speed, this.value))
+          : h("p", { cls: "quiet" }, "It cannot be steered: it only holds."),
+        h(
+          "div",
+          { cls: "acts" },
+          button("Resume", "Activities begin again with their variables", () => this.end("continue"), "strong"),
+          this.place,
+          button("Restart", "The activity begins anew, with all that it called", () => this.end("restart")),
+          button("Skip", "The activity is left without its results", () => this.end("skip")),
+          button("Fail", "The activity raises the error taken_over", () => this.end("fail")),
+        ),
+      ),
+    );
     this.root.hidden = false;
     this.shown();
     this.update(this.app.state);
@@ -127,18 +200,28 @@ export class Steer {
   /** The activities that can be restarted, skipped or failed: those that the diagram shows. */
   update(state) {
     if (!this.held || !state) return;
-    const { r } = this.held, waits = [...(state.waits.get(r)?.values() ?? [])];
-    const places = [...new Set(waits.map((wait) => drawn(this.app, state.openers(r, wait.scope), wait.e)))].filter((e) => this.app.mission.elements[e]);
-    renew(this.place, places.map((e) => h("option", { value: this.app.mission.elements[e].id }, nameOf(this.app, e))));
+    const { r } = this.held;
+    const waits = [...(state.waits.get(r)?.values() ?? [])];
+    const places = [...new Set(waits.map((wait) => drawn(this.app, state.openers(r, wait.scope), wait.e)))].filter(
+      (e) => this.app.mission.elements[e],
+    );
+    renew(
+      this.place,
+      places.map((e) => h("option", { value: this.app.mission.elements[e].id }, nameOf(this.app, e))),
+    );
   }
 
   /** Let the mission continue, or let go of the robot. */
   async end(act) {
-    const { r, lease } = this.held, element = this.place.value, send = (name, more) => this.app.acts.send(r, name, { lease, ...more });
+    const { r, lease } = this.held;
+    const element = this.place.value;
+    const send = (name, more) => this.app.acts.send(r, name, { lease, ...more });
     this.rest();
     this.ends = true;
     await Promise.allSettled([...this.flights]); // none of them may come later
-    const done = (!["restart", "skip", "fail"].includes(act) || (await send(act, { element }))) && (act === "fail" || (await send(act === "suspend" ? act : "continue")));
+    const done =
+      (!["restart", "skip", "fail"].includes(act) || (await send(act, { element }))) &&
+      (act === "fail" || (await send(act === "suspend" ? act : "continue")));
     this.ends = false;
     if (done) this.close();
   }

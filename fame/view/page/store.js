@@ -1,12 +1,22 @@
 // What is known of the run: blocks, and the state at any instant. Mirrors fame/view/blocks.py and state.py.
 
-export const START = 0, ENTER = 1, LEAVE = 2, TAKE = 3, CANCEL = 4, FAIL = 5, END = 6, LOG = 7, REPORT = 8, ANSWER = 9;
+export const START = 0;
+export const ENTER = 1;
+export const LEAVE = 2;
+export const TAKE = 3;
+export const CANCEL = 4;
+export const FAIL = 5;
+export const END = 6;
+export const LOG = 7;
+export const REPORT = 8;
+export const ANSWER = 9;
 const COLUMNS = ["t", "r", "i", "s", "e", "w"];
 const LISTS = ["variables", "waits", "messages", "poses", "world", "properties"];
 
 /** The first index whose value is above `time`. */
 export function after(values, time, of = (value) => value) {
-  let low = 0, high = values.length;
+  let low = 0;
+  let high = values.length;
   while (low < high) {
     const middle = (low + high) >> 1;
     if (of(values[middle]) <= time) low = middle + 1;
@@ -37,7 +47,8 @@ export class State {
     this.poses = new Map(key.poses);
     this.world = new Map(Object.entries(key.world));
     for (const [r, i, s, e, n, since] of key.tokens) this.tokens.set(`${r}/${i}/${s}/${e}`, { r, i, s, e, n, since });
-    for (const [r, e, done, failed, cancelled] of key.counts) this.counts.set(r * 1048576 + e, [done, failed, cancelled]);
+    for (const [r, e, done, failed, cancelled] of key.counts)
+      this.counts.set(r * 1048576 + e, [done, failed, cancelled]);
     for (const [r, s, values] of key.variables) {
       this.variables.set(`${r}/${s}`, { r, s, values: new Map(Object.entries(values)) });
     }
@@ -52,7 +63,8 @@ export class State {
 
   /** Apply everything of the block until `time`. */
   apply(time) {
-    const { t, r, i, s, e, w } = this.block.columns, end = t.length;
+    const { t, r, i, s, e, w } = this.block.columns;
+    const end = t.length;
     let at = this.position;
     for (; at < end && t[at] <= time; at += 1) {
       this.event(t[at], r[at], i[at], s[at], e[at], w[at]);
@@ -208,9 +220,17 @@ export class Store {
 
   /** Take a block, or what is new in one. */
   add(data) {
-    const known = this.blocks[data.number] ??= { number: data.number, start: data.start, end: data.end, events: 0, data: null, loading: null };
+    const known = (this.blocks[data.number] ??= {
+      number: data.number,
+      start: data.start,
+      end: data.end,
+      events: 0,
+      data: null,
+      loading: null,
+    });
     if (data.key !== undefined) {
-      if (known.data !== null && known.data.columns.t.length >= data.t.length && known.data.columns.t.length > 0) return;
+      if (known.data !== null && known.data.columns.t.length >= data.t.length && known.data.columns.t.length > 0)
+        return;
       known.data = prepared(data);
       if (this.cursor?.block.number === data.number) this.cursor = null;
     } else if (known.data === null) return;
@@ -230,18 +250,23 @@ export class Store {
   want(number) {
     const block = this.blocks[number];
     if (block === undefined || block.data !== null) return Promise.resolve(block);
-    block.loading ??= this.load(number).then((data) => {
-      this.add(data);
-      this.changed(number);
-      return block;
-    }).finally(() => { block.loading = null; });
+    block.loading ??= this.load(number)
+      .then((data) => {
+        this.add(data);
+        this.changed(number);
+        return block;
+      })
+      .finally(() => {
+        block.loading = null;
+      });
     return block.loading;
   }
 
   /** The last message on a topic until an instant, or null. */
   lastMessage(topic, time) {
     for (let number = this.numberAt(time); number >= 0; number -= 1) {
-      const rows = byTopic(this.blocks[number]?.data).get(topic), at = rows === undefined ? 0 : after(rows, time, ([t]) => t);
+      const rows = byTopic(this.blocks[number]?.data).get(topic);
+      const at = rows === undefined ? 0 : after(rows, time, ([t]) => t);
       if (at > 0) return rows[at - 1];
     }
     return null;
@@ -261,13 +286,15 @@ export class Store {
   /** The state at an instant, or null while its block is being loaded. The same object is given again if it fits. */
   stateAt(time) {
     if (this.isAhead(time)) return this.stateAhead(time);
-    const number = this.numberAt(time), block = this.blocks[number];
+    const number = this.numberAt(time);
+    const block = this.blocks[number];
     if (block === undefined) return null;
     if (block.data === null) {
       this.want(number);
       return null;
     }
-    if (this.cursor === null || this.cursor.block !== block.data || this.cursor.time > time) this.cursor = new State(block.data);
+    if (this.cursor === null || this.cursor.block !== block.data || this.cursor.time > time)
+      this.cursor = new State(block.data);
     this.cursor.apply(time);
     return this.cursor;
   }
@@ -291,13 +318,20 @@ export class Store {
   askAhead(time) {
     if (this.peeking || this.hasAhead(time)) return; // one at a time: what is wanted meanwhile is asked for afterwards
     this.peeking = true;
-    this.peek(time).then((data) => {
-      this.ahead = prepared(data);
-      this.ahead.until = data.until;
-    }, () => { this.peek = null; }).finally(() => {
-      this.peeking = false;
-      this.changed(-1);
-    });
+    this.peek(time)
+      .then(
+        (data) => {
+          this.ahead = prepared(data);
+          this.ahead.until = data.until;
+        },
+        () => {
+          this.peek = null;
+        },
+      )
+      .finally(() => {
+        this.peeking = false;
+        this.changed(-1);
+      });
   }
 
   /** Loaded blocks that overlap a span of time. */
@@ -329,7 +363,8 @@ function byTopic(block) {
   if (!block) return NONE;
   const known = (block.topics ??= { taken: 0, rows: new Map() });
   for (; known.taken < block.messages.length; known.taken += 1) {
-    const row = block.messages[known.taken], rows = known.rows.get(row[1]);
+    const row = block.messages[known.taken];
+    const rows = known.rows.get(row[1]);
     if (rows === undefined) known.rows.set(row[1], [row]);
     else rows.push(row);
   }
@@ -337,7 +372,14 @@ function byTopic(block) {
 }
 
 function prepared(data) {
-  const block = { number: data.number, start: data.start, end: data.end, key: data.key, details: new Map(), scopeIndex: new Map(data.key.scopes.map(scopeFrom)) };
+  const block = {
+    number: data.number,
+    start: data.start,
+    end: data.end,
+    key: data.key,
+    details: new Map(),
+    scopeIndex: new Map(data.key.scopes.map(scopeFrom)),
+  };
   block.held = new Set(data.key.tokens.map(([r, i, s, e]) => `${r}/${i}/${s}/${e}`)); // where tokens are at its start
   block.columns = Object.fromEntries(COLUMNS.map((name) => [name, data[name]])); // not copied: `extend` adds nothing that is there
   for (const name of LISTS) block[name] = data[name];
@@ -349,9 +391,11 @@ function prepared(data) {
 /** Add what is new. False if something between is missing: then the block has to be loaded again. */
 function extend(block, data) {
   const skip = block.columns.t.length - data.first;
-  if (skip < 0 || LISTS.some((name) => block[name].length < data.at[name]) || block.scopes.length < data.at.scopes) return false;
+  if (skip < 0 || LISTS.some((name) => block[name].length < data.at[name]) || block.scopes.length < data.at.scopes)
+    return false;
   for (const name of COLUMNS) for (const value of data[name].slice(skip)) block.columns[name].push(value);
-  for (const name of LISTS) for (const row of data[name].slice(block[name].length - data.at[name])) block[name].push(row);
+  for (const name of LISTS)
+    for (const row of data[name].slice(block[name].length - data.at[name])) block[name].push(row);
   for (const [at, detail] of Object.entries(data.d)) block.details.set(Number(at), detail);
   for (const row of data.scopes.slice(block.scopes.length - data.at.scopes)) {
     block.scopes.push(row);
@@ -365,7 +409,8 @@ function extend(block, data) {
 /** The executions in a block: bars of the timeline. Each is clipped to the block but knows when it began. */
 export function spansOf(block) {
   if (block.spans) return block.spans;
-  const spans = [], open = new Map();
+  const spans = [];
+  const open = new Map();
   const begin = (r, i, s, e, t) => {
     const depth = block.scopeIndex.get(`${r}/${s}`)?.depth ?? 0;
     const span = { r, i, s, e, from: t, until: Infinity, how: -1, depth };
@@ -376,7 +421,9 @@ export function spansOf(block) {
     else open.set(key, [span]);
   };
   const finish = (r, i, s, e, t, how) => {
-    const held = open.get(`${r}/${i}/${s}/${e}`)?.shift() ?? [...open.values()].find(([one]) => one && isByPath(one, r, i, e))?.shift();
+    const held =
+      open.get(`${r}/${i}/${s}/${e}`)?.shift() ??
+      [...open.values()].find(([one]) => one && isByPath(one, r, i, e))?.shift();
     if (held !== undefined) Object.assign(held, { until: t, how });
   };
   for (const [r, i, s, e, n, since] of block.key.tokens) for (let k = 0; k < n; k += 1) begin(r, i, s, e, since);
@@ -386,7 +433,8 @@ export function spansOf(block) {
     else if (w[at] === LEAVE || w[at] === CANCEL || w[at] === FAIL) finish(r[at], i[at], s[at], e[at], t[at], w[at]);
     else if (w[at] === END) {
       for (const held of open.values()) {
-        for (const span of held) if (span.r === r[at] && span.i === i[at]) Object.assign(span, { until: t[at], how: CANCEL });
+        for (const span of held)
+          if (span.r === r[at] && span.i === i[at]) Object.assign(span, { until: t[at], how: CANCEL });
         if (held.length && held[0].r === r[at] && held[0].i === i[at]) held.length = 0;
       }
     }

@@ -2,7 +2,13 @@
 
 import { h, icon } from "./dom.js";
 
-const TABS = [["team", "Team", "team"], ["needs", "Needs you", "person"], ["map", "Map", "map"], ["diagram", "Diagram", "flow"], ["log", "Log", "list"]];
+const TABS = [
+  ["team", "Team", "team"],
+  ["needs", "Needs you", "person"],
+  ["map", "Map", "map"],
+  ["diagram", "Diagram", "flow"],
+  ["log", "Log", "list"],
+];
 const WIDE = matchMedia("(min-width: 1101px)");
 const TOGETHER = { team: ["team", "needs", "map"], diagram: ["diagram", "map", "log"] }; // on a desk
 const GROUP = { team: "team", needs: "team", map: "diagram", diagram: "diagram", log: "diagram" };
@@ -11,8 +17,18 @@ export class Tabs {
   constructor(root, app) {
     this.app = app;
     this.root = root;
-    this.buttons = new Map(TABS.map(([name, text, picture]) => [name, h("button", { role: "tab", dataset: { tab: name }, onclick: () => this.choose(name) },
-      icon(picture), h("span", null, text), h("b", { cls: "count", hidden: true }))]));
+    this.buttons = new Map(
+      TABS.map(([name, text, picture]) => [
+        name,
+        h(
+          "button",
+          { role: "tab", dataset: { tab: name }, onclick: () => this.choose(name) },
+          icon(picture),
+          h("span", null, text),
+          h("b", { cls: "count", hidden: true }),
+        ),
+      ]),
+    );
     root.append(...this.buttons.values());
     WIDE.addEventListener("change", () => this.changed());
     this.choose(sessionStorage.getItem("fame-tab") ?? "team", false);

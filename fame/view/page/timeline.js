@@ -10,7 +10,11 @@ import { Plots } from "./plots.js";
 import { doing } from "./roster.js";
 import { Properties } from "./properties.js";
 
-const GUTTER = 148, ROW = 16, PAD = 3, LANE = 33, MOST_ROWS = 4;
+const GUTTER = 148;
+const ROW = 16;
+const PAD = 3;
+const LANE = 33;
+const MOST_ROWS = 4;
 const SLICE = 8; // ms of a frame
 const GROWTH = 8; // px by which bars of what is under way grow at once
 
@@ -32,10 +36,25 @@ export class Timeline {
     this.canvas = h("canvas", { cls: "lanes", role: "img", "aria-label": "Lanes of the robots" });
     this.labels = h("div", { cls: "labels" });
     this.spacer = h("div", { cls: "spacer" });
-    this.scroller = h("div", { cls: "scroller", tabindex: 0, "aria-label": "Lanes" }, this.labels, this.canvas, this.spacer);
+    this.scroller = h(
+      "div",
+      { cls: "scroller", tabindex: 0, "aria-label": "Lanes" },
+      this.labels,
+      this.canvas,
+      this.spacer,
+    );
     this.cursor = h("div", { cls: "cursor" }, h("i"));
     this.tip = h("div", { cls: "tip", hidden: true });
-    this.box = h("div", { cls: "chart" }, h("div", { cls: "corner" }), this.axis.overview, this.axis.ruler, this.scroller, this.cursor, this.tip);
+    this.box = h(
+      "div",
+      { cls: "chart" },
+      h("div", { cls: "corner" }),
+      this.axis.overview,
+      this.axis.ruler,
+      this.scroller,
+      this.cursor,
+      this.tip,
+    );
     root.append(this.box);
     this.properties = new Properties(app, this);
     this.layer = document.createElement("canvas");
@@ -91,7 +110,8 @@ export class Timeline {
 
   /** Lanes: {robot, top, height, depths: rows of each depth}. */
   lanes() {
-    const { robots } = this.app.mission, found = [];
+    const { robots } = this.app.mission;
+    const found = [];
     let top = 0;
     robots.forEach((_, r) => {
       const depths = [];
@@ -143,23 +163,32 @@ export class Timeline {
       this.from = store.start;
       this.until = this.app.isLive() ? this.roomy(store.end) : this.last;
     } else if ((time > this.until || time < this.from) && time !== this.shown) {
-      const span = this.until - this.from, before = player.following ? 0.95 : player.playing ? 0 : 0.5;
+      const span = this.until - this.from;
+      const before = player.following ? 0.95 : player.playing ? 0 : 0.5;
       this.from = Math.max(store.start, Math.min(time - span * before, this.last - span));
       this.until = this.from + span;
     }
     this.transport.total.textContent = clock(store.end);
     const missing = store.blocks.filter((block) => block.data === null).length;
-    const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
+    const reading =
+      mission.reading < 1
+        ? `reading ${Math.round(mission.reading * 100)} %`
+        : missing > 1
+          ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %`
+          : "";
     if (this.transport.reading.textContent !== reading) this.transport.reading.textContent = reading;
     this.properties.read();
-    if (!this.size.width) { // on another tab
+    if (!this.size.width) {
+      // on another tab
       this.shown = time;
       this.point(time);
       return;
     }
     for (const block of store.within(this.from, this.until)) if (block.data) this.settle(block.data);
-    const lanes = this.lanes(), under = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0;
-    const plotsTop = under + this.properties.height, total = plotsTop + this.plots.height;
+    const lanes = this.lanes();
+    const under = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0;
+    const plotsTop = under + this.properties.height;
+    const total = plotsTop + this.plots.height;
     this.spacer.style.height = `${total}px`;
     this.label(lanes, plotsTop);
     this.axis.drawRuler();
@@ -177,10 +206,11 @@ export class Timeline {
   follow(time) {
     const { state } = this.app;
     this.shown = time;
-    if (state !== null) (this.captions ?? []).forEach((caption, r) => {
-      const text = doing(this.app, state, r);
-      if (caption.textContent !== text) caption.textContent = text;
-    });
+    if (state !== null)
+      (this.captions ?? []).forEach((caption, r) => {
+        const text = doing(this.app, state, r);
+        if (caption.textContent !== text) caption.textContent = text;
+      });
     this.plots.values(time);
     this.point(time);
     this.axis.drawOverview(time);
@@ -190,7 +220,8 @@ export class Timeline {
   point(time) {
     const text = clock(time);
     if (this.transport.now.value !== text) this.transport.now.value = text;
-    const x = this.x(time), visible = x >= -1 && x <= this.width + 1;
+    const x = this.x(time);
+    const visible = x >= -1 && x <= this.width + 1;
     this.cursor.hidden = !visible;
     this.cursor.style.transform = `translateX(${GUTTER + x}px)`;
   }
@@ -204,31 +235,62 @@ export class Timeline {
   }
 
   label(lanes, plotsTop) {
-    const { mission, selected } = this.app, key = `${lanes.map(({ top, height }) => `${top}+${height}`)}|${selected.robot}|${isDark()}|${mission.robots.length}|${this.plots.key}|${this.properties.key}|${this.properties.lanes.map((lane) => lane.word)}`;
+    const { mission, selected } = this.app;
+    const key = `${lanes.map(({ top, height }) => `${top}+${height}`)}|${selected.robot}|${isDark()}|${mission.robots.length}|${this.plots.key}|${this.properties.key}|${this.properties.lanes.map((lane) => lane.word)}`;
     if (key !== this.labelKey) {
       this.labelKey = key;
       this.captions = [];
-      show(this.labels, lanes.map(({ r, top, height }) => {
-        const caption = h("small");
-        this.captions[r] = caption;
-        const lane = h("button", { cls: `lane${selected.robot === r ? " on" : ""}`, title: `Choose ${mission.robots[r].name}`, "aria-pressed": String(selected.robot === r),
-          onclick: () => this.app.select({ robot: selected.robot === r ? -1 : r }) }, swatch(r), h("span", null, h("b", null, mission.robots[r].name), caption));
-        lane.style.top = `${top}px`;
-        lane.style.height = `${height}px`;
-        return lane;
-      }), this.properties.labels(plotsTop - this.properties.height), this.plots.labels(plotsTop));
+      show(
+        this.labels,
+        lanes.map(({ r, top, height }) => {
+          const caption = h("small");
+          this.captions[r] = caption;
+          const lane = h(
+            "button",
+            {
+              cls: `lane${selected.robot === r ? " on" : ""}`,
+              title: `Choose ${mission.robots[r].name}`,
+              "aria-pressed": String(selected.robot === r),
+              onclick: () => this.app.select({ robot: selected.robot === r ? -1 : r }),
+            },
+            swatch(r),
+            h("span", null, h("b", null, mission.robots[r].name), caption),
+          );
+          lane.style.top = `${top}px`;
+          lane.style.height = `${height}px`;
+          return lane;
+        }),
+        this.properties.labels(plotsTop - this.properties.height),
+        this.plots.labels(plotsTop),
+      );
     }
   }
 
   /** Bars, arrows, marks and plots, in a picture that is kept until something other than the cursor changes. */
   bars(lanes, plotsTop, frame) {
-    const { store, selected } = this.app, { height, scroll } = this.size;
-    const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, this.properties.key, window.devicePixelRatio].join();
+    const { store, selected } = this.app;
+    const { height, scroll } = this.size;
+    const key = [
+      this.from,
+      this.until,
+      this.width,
+      height,
+      scroll,
+      selected.robot,
+      selected.element,
+      this.levels,
+      isDark(),
+      this.plots.key,
+      this.properties.key,
+      window.devicePixelRatio,
+    ].join();
     if (height < 2) return;
-    const begun = performance.now(), same = key === this.layerKey;
+    const begun = performance.now();
+    const same = key === this.layerKey;
     const version = `${store.version}/${store.blocks.length}/${Math.floor(this.x(store.end) / GROWTH)}`;
     if (!same || (this.painting === null && version !== this.layerVersion)) {
-      if (same && begun < this.layerPause) { // a long run is being loaded: not for each of its blocks
+      if (same && begun < this.layerPause) {
+        // a long run is being loaded: not for each of its blocks
         this.app.soon();
         return;
       }
@@ -240,7 +302,8 @@ export class Timeline {
     if (this.painting === null) return;
     // What only has more in it is painted in slices, so that no jump waits for it; what was asked for, at once.
     let done = false;
-    do ({ done } = this.painting.next()); while (!done && (!same || performance.now() < frame + SLICE));
+    do ({ done } = this.painting.next());
+    while (!done && (!same || performance.now() < frame + SLICE));
     this.paintCost += performance.now() - begun;
     if (!done) {
       this.app.redraw();
@@ -252,7 +315,10 @@ export class Timeline {
 
   /** Paint on a canvas that is not shown, with a pause after each block; then show all of it. */
   *paint(lanes, plotsTop, height, scroll) {
-    const { store } = this.app, { width } = this, context = sharp(this.layer, width, height), hits = [];
+    const { store } = this.app;
+    const { width } = this;
+    const context = sharp(this.layer, width, height);
+    const hits = [];
     context.clearRect(0, 0, width, height);
     context.save();
     context.translate(0, -scroll);
@@ -283,10 +349,12 @@ export class Timeline {
   }
 
   drawLanes(context, lanes, scroll, height) {
-    const line = css("--line"), soft = css("--soft");
+    const line = css("--line");
+    const soft = css("--soft");
     const each = step(this.until - this.from, this.width);
     context.fillStyle = soft;
-    for (let time = Math.ceil(this.from / each) * each; time <= this.until; time += each) context.fillRect(Math.round(this.x(time)), scroll, 1, height);
+    for (let time = Math.ceil(this.from / each) * each; time <= this.until; time += each)
+      context.fillRect(Math.round(this.x(time)), scroll, 1, height);
     for (const { r, top, height: tall } of lanes) {
       if (this.app.selected.robot === r) {
         context.fillStyle = css("--chosen");
@@ -298,7 +366,8 @@ export class Timeline {
   }
 
   drawMissing(context, block, height) {
-    const left = Math.max(0, this.x(block.start)), right = Math.min(this.width, this.x(block.end));
+    const left = Math.max(0, this.x(block.start));
+    const right = Math.min(this.width, this.x(block.end));
     context.fillStyle = css("--soft");
     context.fillRect(left, 0, Math.max(1, right - left), height);
   }
@@ -307,24 +376,38 @@ export class Timeline {
     const following = this.app.store.blocks[number + 1];
     const goesOn = Boolean(following?.data) && following.start <= this.until; // then the next block draws what is under way
     const now = following ? end : Math.max(end, this.app.store.end); // what is under way goes on, also if nothing is new
-    const { elements } = this.app.mission, { element: chosen } = this.app.selected, width = this.width;
-    const open = css("--open"), failed = css("--failed"), ink = css("--ink");
+    const { elements } = this.app.mission;
+    const { element: chosen } = this.app.selected;
+    const width = this.width;
+    const open = css("--open");
+    const failed = css("--failed");
+    const ink = css("--ink");
     context.font = "11px system-ui, sans-serif";
     context.textBaseline = "middle";
     for (const span of spansOf(data)) {
-      const lane = lanes[span.r], row0 = lane?.depths[span.depth];
-      if (row0 === undefined || (span.until === Infinity && goesOn && following.data.held.has(`${span.r}/${span.i}/${span.s}/${span.e}`))) continue;
+      const lane = lanes[span.r];
+      const row0 = lane?.depths[span.depth];
+      if (
+        row0 === undefined ||
+        (span.until === Infinity && goesOn && following.data.held.has(`${span.r}/${span.i}/${span.s}/${span.e}`))
+      )
+        continue;
       const until = span.until === Infinity ? now : span.until;
       if (until < this.from || span.from > this.until) continue;
       const left = Math.max(-2, this.x(span.from));
       const right = Math.min(width + 2, this.x(until));
-      const row = row0 + Math.min(this.rows.get(`${span.r}/${Math.min(span.depth, 9)}`)?.get(span.e) ?? 0, MOST_ROWS - 1);
-      const y = lane.top + PAD + row * ROW, place = span.r * 64 + row, wide = right - left;
+      const row =
+        row0 + Math.min(this.rows.get(`${span.r}/${Math.min(span.depth, 9)}`)?.get(span.e) ?? 0, MOST_ROWS - 1);
+      const y = lane.top + PAD + row * ROW;
+      const place = span.r * 64 + row;
+      const wide = right - left;
       if (wide < 0.7 && span.how !== FAIL) {
         if (Math.round(left) <= (last.get(place) ?? -9)) continue;
         last.set(place, Math.round(left));
       }
-      const element = elements[span.e] ?? { id: "", tag: "" }, colour = robotColour(span.r), activity = /task|process|callActivity|transaction/i.test(element.tag);
+      const element = elements[span.e] ?? { id: "", tag: "" };
+      const colour = robotColour(span.r);
+      const activity = /task|process|callActivity|transaction/i.test(element.tag);
       context.globalAlpha = chosen >= 0 && chosen !== span.e ? 0.35 : 1;
       if (wide < 3) {
         context.fillStyle = span.how === FAIL ? failed : colour;
@@ -332,7 +415,15 @@ export class Timeline {
         context.fillRect(left, y + 1, Math.max(1, wide), ROW - 3);
       } else this.bar(context, left, y + 1, wide, ROW - 3, { colour, activity, how: span.how, failed });
       context.globalAlpha = chosen >= 0 && chosen !== span.e ? 0.5 : 1;
-      if (wide > 26) this.text(context, element.name || element.id, Math.max(left, 0) + 5, y + ROW / 2, Math.min(right, width) - Math.max(left, 0) - 8, ink);
+      if (wide > 26)
+        this.text(
+          context,
+          element.name || element.id,
+          Math.max(left, 0) + 5,
+          y + ROW / 2,
+          Math.min(right, width) - Math.max(left, 0) - 8,
+          ink,
+        );
       if (wide > 2) hits.push([left, y, wide, ROW, span]);
       if (span.how === -1 && span.until === Infinity && now >= this.app.store.end && wide > 6) {
         context.fillStyle = open;
@@ -347,7 +438,11 @@ export class Timeline {
     context.beginPath();
     context.roundRect(x, y, width, height, 3);
     if (!activity) context.setLineDash([3, 2]);
-    paint(context, { fill: activity ? `${colour}${isDark() ? "55" : "38"}` : `${colour}10`, stroke: how === FAIL ? failed : colour, width: how === FAIL ? 2 : 1 });
+    paint(context, {
+      fill: activity ? `${colour}${isDark() ? "55" : "38"}` : `${colour}10`,
+      stroke: how === FAIL ? failed : colour,
+      width: how === FAIL ? 2 : 1,
+    });
     context.setLineDash([]);
     if (how === CANCEL) {
       context.save();
@@ -375,39 +470,53 @@ export class Timeline {
     }
     const box = [x, y - 6, context.measureText(shown).width, 12];
     if (this.written.get(y)?.some((other) => overlap(other, box))) return;
-    this.written.set(y, [...this.written.get(y) ?? [], box]);
+    this.written.set(y, [...(this.written.get(y) ?? []), box]);
     context.textAlign = "left";
     context.fillText(shown, x, y + 0.5);
   }
 
   /** Whether there is a label in a box. */
   covers(box) {
-    return [...this.written].some(([y, boxes]) => Math.abs(y - box[1] - 6) < 12 && boxes.some((other) => overlap(other, box)));
+    return [...this.written].some(
+      ([y, boxes]) => Math.abs(y - box[1] - 6) < 12 && boxes.some((other) => overlap(other, box)),
+    );
   }
 
   drawArrows(context, lanes, hits) {
-    const ink = css("--arrow"), { store, mission, selected } = this.app;
+    const ink = css("--arrow");
+    const { store, mission, selected } = this.app;
     if (this.arrowsVersion !== store.version) {
       this.arrowsVersion = store.version;
       this.arrows = link(store.blocks, mission);
     }
     context.font = "10.5px system-ui, sans-serif";
-    const drawn = new Map(), texts = [];
+    const drawn = new Map();
+    const texts = [];
     for (const arrow of this.arrows) {
       if (arrow.until < this.from || arrow.from > this.until) continue;
-      const a = lanes[arrow.sender], b = lanes[arrow.receiver];
+      const a = lanes[arrow.sender];
+      const b = lanes[arrow.receiver];
       if (!a || !b) continue;
-      const x0 = this.x(arrow.from), x1 = this.x(arrow.until), down = b.top > a.top, key = `${arrow.sender}-${arrow.receiver}`;
+      const x0 = this.x(arrow.from);
+      const x1 = this.x(arrow.until);
+      const down = b.top > a.top;
+      const key = `${arrow.sender}-${arrow.receiver}`;
       if (Math.abs(x1 - (drawn.get(key) ?? -99)) < 3) continue;
       drawn.set(key, x1);
-      const y0 = down ? a.top + a.height - 4 : a.top + 4, y1 = down ? b.top + 3 : b.top + b.height - 4;
-      context.globalAlpha = selected.robot >= 0 && selected.robot !== arrow.sender && selected.robot !== arrow.receiver ? 0.25 : 1;
-      trace(context, [[x0, y0], [x1, y1]]);
+      const y0 = down ? a.top + a.height - 4 : a.top + 4;
+      const y1 = down ? b.top + 3 : b.top + b.height - 4;
+      context.globalAlpha =
+        selected.robot >= 0 && selected.robot !== arrow.sender && selected.robot !== arrow.receiver ? 0.25 : 1;
+      trace(context, [
+        [x0, y0],
+        [x1, y1],
+      ]);
       paint(context, { stroke: ink, width: 1.2 });
       context.beginPath();
       context.arc(x0, y0, 2.6, 0, 7);
       paint(context, { fill: ink });
-      const angle = Math.atan2(y1 - y0, x1 - x0), barb = (aside) => [x1 - 7 * Math.cos(angle + aside), y1 - 7 * Math.sin(angle + aside)];
+      const angle = Math.atan2(y1 - y0, x1 - x0);
+      const barb = (aside) => [x1 - 7 * Math.cos(angle + aside), y1 - 7 * Math.sin(angle + aside)];
       trace(context, [[x1, y1], barb(-0.45), barb(0.45)]);
       paint(context, { fill: ink });
       hits.push([x1 - 4, Math.min(y0, y1), 8, Math.abs(y1 - y0), null, arrow]);
@@ -415,7 +524,9 @@ export class Timeline {
     }
     context.globalAlpha = 1;
     for (const [arrow, x, y, down] of texts) {
-      const text = arrow.topic, wide = context.measureText(text).width, box = [x + 5, y + (down ? -9 : 1), wide + 6, 12];
+      const text = arrow.topic;
+      const wide = context.measureText(text).width;
+      const box = [x + 5, y + (down ? -9 : 1), wide + 6, 12];
       if (x + wide > this.width || this.covers(box)) continue; // its tooltip says it
       context.fillStyle = css("--panel");
       context.globalAlpha = 0.86;
@@ -427,18 +538,26 @@ export class Timeline {
 
   /** Errors are crosses, reports are triangles, above the bars. */
   drawMarks(context, lanes, hits) {
-    const { store } = this.app, failed = css("--failed"), warning = css("--warning");
+    const { store } = this.app;
+    const failed = css("--failed");
+    const warning = css("--warning");
     for (const { data } of store.within(this.from, this.until)) {
       if (!data) continue;
       data.marks = data.marksLength === data.columns.t.length ? data.marks : marksOf(data);
       data.marksLength = data.columns.t.length;
       for (const at of data.marks) {
-        const { t, r, w } = data.columns, x = this.x(t[at]), lane = lanes[r[at]];
+        const { t, r, w } = data.columns;
+        const x = this.x(t[at]);
+        const lane = lanes[r[at]];
         if (x < -5 || x > this.width + 5 || !lane) continue;
         const y = lane.top + 5;
         if (w[at] === FAIL) cross(context, x, y, 3.5, failed, 2.2);
         else {
-          trace(context, [[x, y - 4], [x + 4, y + 3], [x - 4, y + 3]]);
+          trace(context, [
+            [x, y - 4],
+            [x + 4, y + 3],
+            [x - 4, y + 3],
+          ]);
           paint(context, { fill: warning });
         }
         hits.push([x - 5, lane.top, 10, 11, null, null, [data, at]]);
@@ -460,12 +579,16 @@ export class Timeline {
         move(event);
       });
       element.addEventListener("pointermove", (event) => held && move(event));
-      for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, () => { held = false; });
+      for (const name of ["pointerup", "pointercancel"])
+        element.addEventListener(name, () => {
+          held = false;
+        });
     };
     scrub(this.axis.ruler, (x) => this.timeAt(x));
     scrub(this.canvas, (x) => this.timeAt(x));
     scrub(this.axis.overview, (x) => this.app.store.start + (x / this.width) * (this.reach - this.app.store.start));
-    for (const element of [this.canvas, this.axis.ruler, this.axis.overview]) element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    for (const element of [this.canvas, this.axis.ruler, this.axis.overview])
+      element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.canvas.addEventListener("click", (event) => {
       if (Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) > 4) return;
       const hit = this.hit(event);
@@ -474,7 +597,9 @@ export class Timeline {
       if (hit?.[7]) this.properties.choose(...hit[7]);
     });
     this.canvas.addEventListener("pointermove", (event) => this.hover(event));
-    this.canvas.addEventListener("pointerleave", () => { this.tip.hidden = true; });
+    this.canvas.addEventListener("pointerleave", () => {
+      this.tip.hidden = true;
+    });
     this.scroller.addEventListener("scroll", () => {
       this.size.scroll = this.scroller.scrollTop;
       this.app.redraw();
@@ -495,40 +620,64 @@ export class Timeline {
   }
 
   hit(event) {
-    const box = this.canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top + this.scroller.scrollTop;
+    const box = this.canvas.getBoundingClientRect();
+    const x = event.clientX - box.left;
+    const y = event.clientY - box.top + this.scroller.scrollTop;
     let found = null;
-    for (const hit of this.hits ?? []) if (x >= hit[0] && x <= hit[0] + hit[2] && y >= hit[1] && y <= hit[1] + hit[3]) found = hit;
+    for (const hit of this.hits ?? [])
+      if (x >= hit[0] && x <= hit[0] + hit[2] && y >= hit[1] && y <= hit[1] + hit[3]) found = hit;
     return found;
   }
 
   hover(event) {
-    const hit = this.hit(event), { elements, robots } = this.app.mission;
+    const hit = this.hit(event);
+    const { elements, robots } = this.app.mission;
     this.tip.hidden = hit === null || event.buttons > 0;
     if (this.tip.hidden) return;
     const [, , , , span, arrow, mark, property, alarm] = hit;
     if (property) show(this.tip, this.properties.tip(...property));
     else if (alarm) show(this.tip, this.plots.tip(alarm));
     else if (span) {
-      const element = elements[span.e], until = span.until === Infinity ? this.app.store.end : span.until;
+      const element = elements[span.e];
+      const until = span.until === Infinity ? this.app.store.end : span.until;
       const how = { [-1]: "under way", [LEAVE]: "completed", [CANCEL]: "cancelled", [FAIL]: "failed" }[span.how];
-      show(this.tip, h("b", null, element?.name || element?.id), h("span", null, `${robots[span.r].name} · ${how}`),
-        h("span", null, `${clock(span.from)} – ${clock(until)} · ${duration(until - span.from)}`));
+      show(
+        this.tip,
+        h("b", null, element?.name || element?.id),
+        h("span", null, `${robots[span.r].name} · ${how}`),
+        h("span", null, `${clock(span.from)} – ${clock(until)} · ${duration(until - span.from)}`),
+      );
     } else if (arrow) {
-      show(this.tip, h("b", null, arrow.topic), h("span", null, `${robots[arrow.sender].name} → ${robots[arrow.receiver].name}`),
-        h("span", null, `${clock(arrow.from)}${arrow.until > arrow.from ? ` · ${duration(arrow.until - arrow.from)} later` : ""}`));
+      show(
+        this.tip,
+        h("b", null, arrow.topic),
+        h("span", null, `${robots[arrow.sender].name} → ${robots[arrow.receiver].name}`),
+        h(
+          "span",
+          null,
+          `${clock(arrow.from)}${arrow.until > arrow.from ? ` · ${duration(arrow.until - arrow.from)} later` : ""}`,
+        ),
+      );
     } else {
-      const [data, at] = mark, { t, e } = data.columns;
-      show(this.tip, h("b", null, elements[e[at]]?.name || elements[e[at]]?.id || "Report"), h("span", null, String(data.details.get(at) ?? "failed")), h("span", null, clock(t[at])));
+      const [data, at] = mark;
+      const { t, e } = data.columns;
+      show(
+        this.tip,
+        h("b", null, elements[e[at]]?.name || elements[e[at]]?.id || "Report"),
+        h("span", null, String(data.details.get(at) ?? "failed")),
+        h("span", null, clock(t[at])),
+      );
     }
-    const box = this.box.getBoundingClientRect(), wide = this.tip.offsetWidth;
+    const box = this.box.getBoundingClientRect();
+    const wide = this.tip.offsetWidth;
     this.tip.style.left = `${Math.min(Math.max(event.clientX - box.left + 12, 4), box.width - wide - 4)}px`;
     this.tip.style.top = `${event.clientY - box.top - this.tip.offsetHeight - 10}px`;
   }
 }
 
 function marksOf(block) {
-  const { w } = block.columns, found = [];
+  const { w } = block.columns;
+  const found = [];
   for (let at = 0; at < w.length; at += 1) if (w[at] === FAIL || w[at] === REPORT) found.push(at);
   return found;
 }
-

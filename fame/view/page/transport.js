@@ -5,37 +5,79 @@ import { SPEEDS } from "./player.js";
 
 export class Transport {
   constructor(root, timeline) {
-    const { app } = timeline, button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
+    const { app } = timeline;
+    const button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
     this.playButton = h("button", { cls: "play", onclick: () => app.pause() });
     this.now = h("output", { cls: "now", "aria-label": "Time" });
     this.total = h("span", { cls: "total" });
     this.speed = h("select", { onchange: () => app.setSpeed(Number(this.speed.value)) });
-    this.live = h("button", { cls: "text live", hidden: true, title: "Follow the run (L)", onclick: () => app.player.follow() }, icon("dot"), "Live");
+    this.live = h(
+      "button",
+      { cls: "text live", hidden: true, title: "Follow the run (L)", onclick: () => app.player.follow() },
+      icon("dot"),
+      "Live",
+    );
     this.reading = h("span", { cls: "reading", role: "status" });
-    this.level = h("select", { title: "How many levels of called processes have bars", "aria-label": "Levels", onchange: () => {
-      timeline.levels = Number(this.level.value);
-      app.redraw();
-    } }, [1, 2, 3, 4].map((count) => h("option", { value: count }, `${count} level${count > 1 ? "s" : ""}`)));
+    this.level = h(
+      "select",
+      {
+        title: "How many levels of called processes have bars",
+        "aria-label": "Levels",
+        onchange: () => {
+          timeline.levels = Number(this.level.value);
+          app.redraw();
+        },
+      },
+      [1, 2, 3, 4].map((count) => h("option", { value: count }, `${count} level${count > 1 ? "s" : ""}`)),
+    );
     this.level.value = "2";
-    root.append(h("div", { cls: "bar transport", role: "toolbar", "aria-label": "Playback" },
-      button("previous", "Previous event (←)", () => app.step(-1)), this.playButton, button("next", "Next event (→)", () => app.forward()),
-      h("span", { cls: "times" }, this.now, h("span", { cls: "of" }, " / "), this.total), h("label", { cls: "speed" }, "Speed ", this.speed), this.live, this.reading, h("span", { cls: "space" }), h("div", { cls: "tools levels" }, this.level, button("minus", "Longer span (−)", () => timeline.zoom(1.6)), button("plus", "Shorter span (+)", () => timeline.zoom(1 / 1.6)),
-        button("fit", "The whole run (0)", () => timeline.all()))));
+    root.append(
+      h(
+        "div",
+        { cls: "bar transport", role: "toolbar", "aria-label": "Playback" },
+        button("previous", "Previous event (←)", () => app.step(-1)),
+        this.playButton,
+        button("next", "Next event (→)", () => app.forward()),
+        h("span", { cls: "times" }, this.now, h("span", { cls: "of" }, " / "), this.total),
+        h("label", { cls: "speed" }, "Speed ", this.speed),
+        this.live,
+        this.reading,
+        h("span", { cls: "space" }),
+        h(
+          "div",
+          { cls: "tools levels" },
+          this.level,
+          button("minus", "Longer span (−)", () => timeline.zoom(1.6)),
+          button("plus", "Shorter span (+)", () => timeline.zoom(1 / 1.6)),
+          button("fit", "The whole run (0)", () => timeline.all()),
+        ),
+      ),
+    );
     this.app = app;
     this.playerChanged();
   }
 
   /** What the player does has changed. */
   playerChanged() {
-    const { app } = this, { player, control } = app, run = app.runs(), playing = run ? !control.status.paused : player.playing;
-    const word = playing ? "Pause" : run ? "Resume" : "Play", of = run ? "run" : "replay", now = run ? control.status.speed : player.speed;
+    const { app } = this;
+    const { player, control } = app;
+    const run = app.runs();
+    const playing = run ? !control.status.paused : player.playing;
+    const word = playing ? "Pause" : run ? "Resume" : "Play";
+    const of = run ? "run" : "replay";
+    const now = run ? control.status.speed : player.speed;
     const key = [run, playing, now, player.following, app.isLive()].join();
     if (key === this.key) return;
     this.key = key;
     show(this.playButton, icon(playing ? "pause" : "play"), word);
     this.playButton.title = `${word} the ${of} (Space)`;
-    const speeds = run ? [...[...new Set([0.1, 0.5, 1, 2, 5, 10, 50, now || 1])].sort((one, other) => one - other), 0] : SPEEDS;
-    renew(this.speed, speeds.map((speed) => h("option", { value: speed }, speed ? `${speed}×` : "at once")));
+    const speeds = run
+      ? [...[...new Set([0.1, 0.5, 1, 2, 5, 10, 50, now || 1])].sort((one, other) => one - other), 0]
+      : SPEEDS;
+    renew(
+      this.speed,
+      speeds.map((speed) => h("option", { value: speed }, speed ? `${speed}×` : "at once")),
+    );
     this.speed.title = `Speed of the ${of}`;
     this.speed.value = String(now);
     this.live.classList.toggle("on", player.following);

@@ -1,6 +1,9 @@
 // Zoom and pan of what has a size of its own: by wheel, by dragging, with two fingers.
 
-const MARGIN = 10, LEAST = 0.05, MOST = 6, GLIDE = 220; // ms that a chosen part takes to come
+const MARGIN = 10;
+const LEAST = 0.05;
+const MOST = 6;
+const GLIDE = 220; // ms that a chosen part takes to come
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Viewport {
@@ -19,7 +22,8 @@ export class Viewport {
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     element.addEventListener("pointerdown", (event) => this.down(event));
     element.addEventListener("pointermove", (event) => this.move(event));
-    for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, (event) => this.pointers.delete(event.pointerId));
+    for (const name of ["pointerup", "pointercancel"])
+      element.addEventListener(name, (event) => this.pointers.delete(event.pointerId));
   }
 
   content(width, height) {
@@ -37,13 +41,19 @@ export class Viewport {
 
   /** Show a part [x, y, width, height] of the content, at `least` at this scale: then what is around a point. */
   focus(target, glides = false) {
-    const { width, height } = this.box(), { part: [left, top, wide, tall] = [0, 0, this.width, this.height], least = 0, about = [left, top] } = target;
+    const { width, height } = this.box();
+    const { part: [left, top, wide, tall] = [0, 0, this.width, this.height], least = 0, about = [left, top] } = target;
     this.target = target;
     if (!width || !height) return;
     const rooms = [width - 2 * MARGIN - this.beside, height - 2 * MARGIN - this.below];
     const scale = Math.max(least, Math.min(rooms[0] / wide, rooms[1] / tall, 1.6));
-    const [x, y] = [[left, wide, this.beside], [top, tall, 0]].map(([from, size, before], axis) => {
-      const room = rooms[axis], spare = room - size * scale, begin = MARGIN + before;
+    const [x, y] = [
+      [left, wide, this.beside],
+      [top, tall, 0],
+    ].map(([from, size, before], axis) => {
+      const room = rooms[axis];
+      const spare = room - size * scale;
+      const begin = MARGIN + before;
       const place = spare >= 0 ? spare / 2 : Math.max(spare, Math.min(0, room / 2 - (about[axis] - from) * scale));
       return begin + place - from * scale;
     });
@@ -51,10 +61,13 @@ export class Viewport {
   }
 
   glide(to, lasts) {
-    const from = { x: this.x, y: this.y, scale: this.scale }, begun = performance.now(), { target } = this;
+    const from = { x: this.x, y: this.y, scale: this.scale };
+    const begun = performance.now();
+    const { target } = this;
     const frame = (now) => {
       if (this.target !== target) return; // somebody has moved it, or chosen another part
-      const part = lasts ? Math.min(1, Math.max(0, (now - begun) / lasts)) : 1, eased = 1 - (1 - part) ** 3;
+      const part = lasts ? Math.min(1, Math.max(0, (now - begun) / lasts)) : 1;
+      const eased = 1 - (1 - part) ** 3;
       for (const name of ["x", "y", "scale"]) this[name] = from[name] + (to[name] - from[name]) * eased;
       this.apply();
       if (part < 1) requestAnimationFrame(frame);
@@ -68,8 +81,10 @@ export class Viewport {
 
   /** Zoom about a point of the box, by default its middle. */
   zoom(by, x, y) {
-    const { width, height } = this.box(), scale = Math.min(MOST, Math.max(LEAST, this.scale * by));
-    const cx = x ?? width / 2, cy = y ?? height / 2;
+    const { width, height } = this.box();
+    const scale = Math.min(MOST, Math.max(LEAST, this.scale * by));
+    const cx = x ?? width / 2;
+    const cy = y ?? height / 2;
     this.x = cx - ((cx - this.x) * scale) / this.scale;
     this.y = cy - ((cy - this.y) * scale) / this.scale;
     this.scale = scale;
@@ -105,15 +120,18 @@ export class Viewport {
   move(event) {
     const before = this.pointers.get(event.pointerId);
     if (before === undefined) return;
-    const dx = event.clientX - before.x, dy = event.clientY - before.y;
+    const dx = event.clientX - before.x;
+    const dy = event.clientY - before.y;
     if (!this.moved && Math.hypot(event.clientX - before.from[0], event.clientY - before.from[1]) < 4) return;
     if (!this.moved) this.element.setPointerCapture(event.pointerId);
     this.moved = true;
     const others = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, one]) => one);
     if (others.length === 0) this.shift(dx, dy);
     else {
-      const [other] = others, { left, top } = this.box();
-      const was = Math.hypot(before.x - other.x, before.y - other.y), is = Math.hypot(event.clientX - other.x, event.clientY - other.y);
+      const [other] = others;
+      const { left, top } = this.box();
+      const was = Math.hypot(before.x - other.x, before.y - other.y);
+      const is = Math.hypot(event.clientX - other.x, event.clientY - other.y);
       if (was > 0) this.zoom(is / was, (event.clientX + other.x) / 2 - left, (event.clientY + other.y) / 2 - top);
     }
     Object.assign(before, { x: event.clientX, y: event.clientY });
