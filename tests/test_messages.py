@@ -431,6 +431,26 @@ def test_the_default_of_a_field_is_that_of_ros(line: str, default: Any) -> None:
     assert content.defaults == {"x": default}
 
 
+@pytest.mark.parametrize(
+    ("line", "value"),
+    [
+        ("int32 X=010", 10), ("int8 X = -0x10 # and so on", -16), ("uint8 X=0o17", 15), ("int32 X=1_000", 1000),
+        ("bool X=1", True), ("float64 X=1", 1.0), ("float32 X=-.5", -0.5), ("string X='a=b'", "a=b"),
+        ("string X= yes # no", "yes"), ("char X=65", 65),
+    ],
+)  # fmt: skip
+def test_a_constant_is_read_as_a_default_is(line: str, value: Any) -> None:
+    (content,) = from_text(line, "robot_msgs/msg/Constant")
+    assert [*content.constants.items()] == [("X", value)]
+    assert type(content.constants["X"]) is type(value)
+
+
+@pytest.mark.parametrize("line", ["uint8 X=300", "int32 X=1e3", "bool X=yes", "string x a=b", "Other X=1"])
+def test_a_constant_that_does_not_fit_its_type_is_refused(line: str) -> None:
+    with pytest.raises(MessageError, match=f"cannot read '{line}'"):
+        from_text(line, "robot_msgs/msg/Constant")
+
+
 def test_a_default_that_earlier_releases_read_in_another_way_is_noted() -> None:
     text = "robot_msgs/msg/Default: x: `off` is now the text 'off'; earlier releases read the text 'false'"
     with pytest.warns(ValueChanged, match=re.escape(text)):

@@ -191,18 +191,27 @@ def _message(lines: list[str], name: str) -> Definition:
     from rosbags.typesys import TypesysError, get_types_from_msg
 
     defaults = [_default(line) for line in lines]
-    bare = [f"{found[0]} {found[1]}" if found else line for found, line in zip(defaults, lines, strict=True)]
+    fixed = [_CONSTANT.fullmatch(line.partition("#")[0].rstrip()) for line in lines]
+    bare = [
+        f"{found[0]} {found[1]}" if found else f"{constant[1]} {constant[2]}=0" if constant else line
+        for found, constant, line in zip(defaults, fixed, lines, strict=True)
+    ]
     place = re.sub("/(srv|action)/", "/msg/", name)  # where a type without package is looked for
+    constants = dict[str, Any]()
     for line, without_default in zip(lines, bare, strict=True):
         if is_deep(line):
             raise MessageError(f"brackets are nested more than {DEPTH} deep in {line.strip()[:80]!r}", type=name)
         try:
+            if constant := _CONSTANT.fullmatch(line.partition("#")[0].rstrip()):
+                constants[constant[2]] = _constant(*constant.groups())
+            elif _EQUAL.match(line):
+                raise ValueError(line)
             get_types_from_msg(without_default, place)
         except (TypesysError, ValueError, RecursionError):  # the latter two: numbers and depth without end
             text = f"cannot read {line.strip()[:200]!r}: a line is like float64[3] position, or uint8 RED=1"
             raise MessageError(text, type=name) from None
-    ((constants, fields),) = get_types_from_msg("\n".join(bare), place).values()
-    result = from_rosbags(name, constants, fields, {})
+    ((_, fields),) = get_types_from_msg("\n".join(bare), place).values()
+    result = replace(from_rosbags(name, (), fields, {}), constants=MappingProxyType(constants))
     written = {field: text for _, field, text in filter(None, defaults)}
     seen = set[str]()
     for entry in result.fields:
@@ -225,6 +234,21 @@ def _default(line: str) -> tuple[str, str, str] | None:
     """The type and name of a field in a line of a `.msg` file, and its default: ``float64 w 1.0``. None without one."""
     match = re.fullmatch(r"\s*(\S+)\s+(\w+)\s+([^=\s][^=]*)", line.partition("#")[0].rstrip())
     return None if match is None else (match[1], match[2], match[3])
+
+
+_CONSTANT = re.compile(r"\s*(\S+)\s+(\w+)\s*=\s*(.*)")
+_EQUAL = re.compile(r"\s*[^\s#]+\s+[^#]*=")
+
+
+def _constant(base: str, name: str, text: str) -> Any:
+    """A constant as rosidl_adapter reads it, as a default. Raises ValueError for one that is none of its type."""
+    from fame.middleware.primitives import Misfit, converter
+
+    try:
+        base = "uint8" if base == "char" else base.partition("<")[0]
+        return converter(Field(name, name, base, "single"))(_default_item(base, text))
+    except (Misfit, LookupError):
+        raise ValueError(text) from None
 
 
 _ITEM = re.compile(r"""\s*("(?:\\"|[^"])*"|'(?:\\'|[^'])*'|[^,]+)\s*,?""")
