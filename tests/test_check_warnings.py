@@ -33,6 +33,10 @@ from fame.cli import main
 from fame.errors import UnavailableError
 
 BRANCHES = ends("a", "b")
+TWICE = '<camunda:property name="type" value="std_msgs/msg/Int32"/>'
+INPUTS = '<camunda:inputOutput>' + '<camunda:inputParameter name="v">1</camunda:inputParameter>' * 2 + (
+    '</camunda:inputOutput>'
+)  # fmt: skip
 WARNINGS = {
     "a script that is ready for a message that does not fit": (
         row(script('try:\n    robot.publish("led", "std_msgs/msg/ColorRGBA", red=1.0)\nexcept Exception:\n    pass')),
@@ -93,6 +97,19 @@ WARNINGS = {
     "a queue of an event that throws": (
         row(throw("a", "done", queue="1")),
         "a: its property 'queue' has no effect here: only an element that catches has one",
+    ),
+    "a property that is there twice": (
+        row(throw("a", "done", type=BOOL).replace("</camunda:properties>", f"{TWICE}</camunda:properties>")),
+        "a: has two properties 'type': only the last one counts",
+    ),
+    "an input that is there twice": (
+        row(script("x = v").replace("><script>", f">{extensions(INPUTS)}<script>")),
+        "t: sets 'v' twice: only the last one counts",
+    ),
+    "an error that does not interrupt": (
+        row(script("x = 1")) + '<boundaryEvent id="b" attachedToRef="t" cancelActivity="false"><errorEventDefinition/>'
+        f"</boundaryEvent>{ends('f')}{flows('b f')}",
+        "b: is drawn as non-interrupting, but its activity has ended with the error",
     ),
     "a default flow with a condition": (
         row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g") + flow("g", "a", "x")

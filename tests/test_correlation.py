@@ -157,7 +157,9 @@ def key_of_camunda_8(key: str) -> str:
     )
 
 
-@pytest.mark.parametrize("key", ["=orders[1].key", "=key + 1", "=&quot;a&quot; + key", "=string(key)", "key"])
+@pytest.mark.parametrize(
+    "key", ["=orders[1].key", "=key + 1", "=&quot;a&quot; + key", "=string(key)", "key", "=true", "=null"]
+)
 def test_a_key_of_camunda_8_that_is_computed_is_refused_where_it_counts(key: str) -> None:
     (found,) = check(read_text(key_of_camunda_8(key)))
     assert (found.level, found.element) == ("error", "c")

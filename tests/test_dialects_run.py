@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bpmn_text import document, extensions
 
 import fame
+import fame.bpmn
 from fame.clock import SECOND
 from fame.robot import Event
 from fame.scenario import Result, Scenario
@@ -138,3 +140,20 @@ def test_the_survey_goes_on_where_it_was_after_a_weed(agriculture: tuple[Result,
 @pytest.mark.long
 def test_a_mission_in_javascript_is_the_same_each_time(agriculture: tuple[Result, list[Event]]) -> None:
     assert play("agriculture")[1] == agriculture[1]
+
+
+def test_an_output_of_camunda_7_sees_those_before_it_but_not_behind_an_input() -> None:
+    """The process has the earlier ones by then; an input of the same name hides its own (`OutputParameter` there)."""
+    outputs = '<camunda:outputParameter name="y">${x + 1}</camunda:outputParameter>' + (
+        '<camunda:outputParameter name="z">${y + 1}</camunda:outputParameter>'
+    )
+    found = []
+    for given in ("", '<camunda:inputParameter name="y">10</camunda:inputParameter>'):
+        held = extensions(f"<camunda:inputOutput>{given}{outputs}</camunda:inputOutput>")
+        model = document(
+            '<process id="P" isExecutable="true"><startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
+            f'<scriptTask id="t">{held}<script>pass</script></scriptTask></process>'
+        )
+        variables = fame.Simulation(fame.bpmn.read_text(model), variables={"x": 1}).run().instances[0].variables
+        found.append((variables["y"], variables["z"]))
+    assert found == [(2, 3), (2, 11)]

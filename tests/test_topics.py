@@ -143,6 +143,8 @@ def _uses(definitions: Definitions) -> list[TopicEnd]:
     ("name", "text"),
     [
         ("/has arrived!", "/has arrived! is not a valid ROS 2 topic name: expected letters"),
+        ("//a", "//a is not a valid ROS 2 topic name: expected letters"),
+        ("~//a", "~//a is not a valid ROS 2 topic name: expected letters"),
         ("~/a b", "~/a b is not a valid ROS 2 topic name: expected letters"),
         ("\u5230\u8fbe 1", "'\u5230\u8fbe 1' has no Latin letter to make a topic of: write a topic as its name"),
     ],

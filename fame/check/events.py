@@ -75,6 +75,9 @@ def check_error_handling(scope: CheckScope) -> Iterator[Finding]:
             nodes = {node.id: node for node in body.nodes}
             for event in body.nodes:
                 if event.place == "boundary":
+                    if not event.interrupting and event.defined(ErrorDefinition):
+                        text = "is drawn as non-interrupting, but its activity has ended with the error"
+                        yield process.finding("warning", text, event)
                     yield from _caught(process, event, nodes[event.attached_to])
 
 

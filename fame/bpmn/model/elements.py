@@ -171,10 +171,9 @@ class Topic:
     @property
     def qualified(self) -> str:
         """The name with its scope: ``/weed_found``, or ``~/odom`` for one in the robot's namespace."""
-        name = self.name.removeprefix("~/")
-        if self.private or self.name.startswith("~/"):
-            return "~/" + name.lstrip("/")
-        return "/" + name.lstrip("/")
+        if self.name.startswith("~/"):
+            return self.name
+        return ("~/" if self.private else "/") + self.name.removeprefix("/")
 
     @property
     def is_renamed(self) -> bool:

@@ -6,10 +6,11 @@ Activiti, its predecessor, and Flowable use the same names in their own namespac
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Set
+from dataclasses import replace
 
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
-from fame.bpmn.reader.dialects.extensions import Extensions, Property
+from fame.bpmn.reader.dialects.extensions import WORD, Extensions, Property
 from fame.bpmn.reader.dialects.forms import form_data
 from fame.bpmn.reader.expressions import (
     code_expression,
@@ -112,7 +113,7 @@ def _properties(context: Context, node: Node, found: Extensions) -> None:
     for one in node:
         name = one.get("name", "").strip()
         if name:
-            found.properties[name] = Property(one.get("value", ""), line_of(one))
+            found.put(context, one, name, one.get("value", ""))
 
 
 def _input_output(context: Context, node: Node, found: Extensions) -> None:
@@ -127,9 +128,16 @@ def _input_output(context: Context, node: Node, found: Extensions) -> None:
         source = _parameter(context, one)
         outwards = local_name(one) == "outputParameter"
         if source is not None:
-            (found.outputs if outwards else found.inputs).append(Assignment(name, source))
+            into = found.outputs if outwards else found.inputs
+            if any(each.target == name for each in into):
+                context.note(one, f"sets {name!r} twice: only the last one counts", "warning")
+            into.append(Assignment(name, source))
         if not outwards and len(one) and local_name(one[0]) == "list":
             found.lists[name] = [Property(text_of(value), line_of(value)) for value in one[0]]
+    inputs, written = {each.target for each in found.inputs}, set[str]()
+    for place, each in enumerate(found.outputs):  # the process has the earlier ones by then; an input hides its own
+        found.outputs[place] = replace(each, in_order=not written.isdisjoint(WORD.findall(each.source.text)))
+        written |= {each.target} - inputs
 
 
 def _parameter(context: Context, node: Node) -> Expression | None:

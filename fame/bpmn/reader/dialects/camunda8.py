@@ -9,11 +9,10 @@ from collections.abc import Callable, Mapping, Set
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects.camunda7 import PEOPLE, add_people
-from fame.bpmn.reader.dialects.extensions import PATH, Extensions, Property
+from fame.bpmn.reader.dialects.extensions import PATH, WORD, Extensions, Property
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node, line_of, local_name
 
-_WORD = re.compile(r"\w+")
 _KEY = re.compile(rf"=\s*({PATH})|[$#]{{\s*({PATH})\s*}}")
 IGNORED: Set[str] = {
     "userTask", "taskSchedule", "priorityDefinition",
@@ -38,7 +37,7 @@ def attribute(context: Context, node: Node, name: str, value: str, found: Extens
 def _properties(context: Context, node: Node, found: Extensions) -> None:
     for one in node:
         if one.get("name", "").strip():
-            found.properties[one.get("name", "").strip()] = Property(one.get("value", ""), line_of(one))
+            found.put(context, one, one.get("name", "").strip(), one.get("value", ""))
 
 
 def _headers(context: Context, node: Node, found: Extensions) -> None:
@@ -61,7 +60,7 @@ def _assign(into: list[Assignment], target: str, source: Expression, inwards: bo
     """Add an assignment. The target ``order.id`` is a field of a new variable (inwards), or of its current value."""
     name, *path = target.split(".")
     known = {one.target for one in into}
-    read = known & set(_WORD.findall(source.text)) if source.language == "feel" else set()
+    read = known & set(WORD.findall(source.text)) if source.language == "feel" else set()
     in_order = bool(read)
     if path:
         joins = bool(into) and into[-1].target == name and into[-1].source.language == "feel" and name not in read
@@ -108,7 +107,7 @@ def _script(context: Context, node: Node, found: Extensions) -> None:
 def _subscription(context: Context, node: Node, found: Extensions) -> None:
     key = node.get("correlationKey", "").strip()
     match = _KEY.fullmatch(key)
-    if match is not None:
+    if match is not None and (match[1] or match[2]) not in ("true", "false", "null"):
         found.key = Expression(match[1] or match[2], "feel", line_of(node))
     elif key:
         right = "a variable of the process or a field of one, as =order_id; set a variable to what is computed"

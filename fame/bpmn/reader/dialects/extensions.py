@@ -11,7 +11,7 @@ from types import MappingProxyType
 from fame.bpmn.model import EMPTY, Assignment, Expression, FormField, IoMapping
 from fame.bpmn.reader.context import Context, message_type, whole_number
 from fame.bpmn.reader.expressions import mapping_source
-from fame.bpmn.reader.xml import Node
+from fame.bpmn.reader.xml import Node, line_of
 from fame.bpmn.topics import TTL
 from fame.text import as_number
 
@@ -110,6 +110,12 @@ class Extensions:
     linked: str = ""
     refused: str = ""
 
+    def put(self, context: Context, node: Node, name: str, value: str) -> None:
+        """Note a property; of two with one name the last counts."""
+        if name in self.properties and self.properties[name].value != value:
+            context.note(node, f"has two properties {name!r}: only the last one counts", "warning")
+        self.properties[name] = Property(value, line_of(node))
+
     def take(self, name: str) -> Property | None:
         """Remove and return the property of that name; None if it is missing or empty."""
         found = self.properties.pop(name, None)
@@ -190,6 +196,8 @@ def _seconds(context: Context, element: Node, text: str) -> float:
     return seconds
 
 
+WORD = re.compile(r"\w+")
+"""Names, and numbers, of an expression."""
 PATH = r"[^\W\d]\w*(?:\.\w+)*"
 """A variable, or a field of one."""
 _KEY = re.compile(rf"\s*({PATH})\s*(?:=\s*({PATH}))?\s*")
