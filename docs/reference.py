@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.bpmn.extension_properties import PROPERTIES
-from fame.cli import GROUPS, parser, project
+from fame.cli import parser, project
 from fame.cli.arguments import Parser
 from fame.clock import Scheduler
 from fame.middleware.local import LocalMiddleware
@@ -26,6 +26,7 @@ from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration
 from fame.monitor.pipeline.processors import PROCESSORS
 from fame.monitor.pipeline.train import Training
+from fame.rooms import COMMANDS
 from fame.scenario import plan, variation
 from fame.scenario.settings import NETWORK_KEYS
 from sim2d import config
@@ -67,7 +68,7 @@ def table(heads: tuple[str, str], rows: Mapping[str, str]) -> Iterator[str]:
 
 def commands() -> Iterator[str]:
     """Every command with its arguments and examples, in the groups of ``fame --help``."""
-    for group, names in GROUPS.items():
+    for group, names in COMMANDS.items():
         yield from (f"## {TITLES[group]}", "")
         for name in [group] if group == "monitor" else names:
             yield from command(subcommands(parser(name))[name])

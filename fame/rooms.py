@@ -24,12 +24,14 @@ class Room(NamedTuple):
 
 
 ROOMS: Mapping[str, Room] = {
+    "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
+    "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
     "monitor": Room(
         (
             *("fame.monitor", "robots.arm", "fame.cli.adm", "fame.cli.anomaly_data", "fame.cli.monitors"),
             *("fame.cli.pipelines", "fame.cli.ros"),
         ),
-        "learned models on the data of robots",
+        "models learned from data",
         "ml",
     ),
     "explore": Room(
@@ -39,8 +41,6 @@ ROOMS: Mapping[str, Room] = {
         ),
         "every reachable state of a collaboration",
     ),
-    "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
-    "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
     "judge": Room(
         ("fame.log.judge", "fame.log.live_judge", "fame.log.bags", "fame.log.property_watch"),
         "properties of a team, judged on recordings and on the network",
@@ -122,6 +122,73 @@ SERVICES: Mapping[str, BuiltInService] = {
     "train": BuiltInService("fame.monitor.services:train", ("configuration",), ("model", "thresholds"), _LEARNING),
 }
 """The services of FAME by name; `fame.monitor.services` says what they do."""
+
+
+# ---- commands --------------------------------------------------------------------------------------------------------
+
+COMMANDS: Mapping[str, Mapping[str, str]] = {
+    "mission": {
+        "new": "fame.cli.new:add_new",
+        "demo": "fame.cli.new:add_demo",
+        "run": "fame.cli.run:add",
+        "test": "fame.cli.testing:add",
+        "check": "fame.cli.check:add",
+        "campaign": "fame.cli.campaign:add",
+        "draw": "fame.cli.models:add_draw",
+        "view": "fame.cli.view:add",
+    },
+    "team": {
+        "engine": "fame.cli.engine:add",
+        "deploy": "fame.cli.deployment:add_deploy",
+        "splitter": "fame.cli.deployment:add_splitter",
+        "router": "fame.cli.router:add",
+        "status": "fame.cli.robots:add_status",
+        **dict.fromkeys(
+            (
+                "complete",
+                "activate",
+                "abort",
+                "retry",
+                "suspend",
+                "take-over",
+                "continue",
+                "skip",
+                "restart",
+                "fail",
+                "set",
+                "move",
+            ),
+            "fame.cli.robots:add_requests",
+        ),
+        "world": "fame.cli.worlds:add_world",
+        **dict.fromkeys(("pause", "resume"), "fame.cli.worlds:add_time"),
+        "keys": "fame.cli.deployment:add_keys",
+        "doctor": "fame.cli.doctor:add",
+    },
+    "monitor": {
+        "record": "fame.cli.pipelines:add_record",
+        "train": "fame.cli.pipelines:add_train",
+        "process": "fame.cli.pipelines:add_process",
+        "judge": "fame.cli.monitors:add_judge",
+        "model": "fame.cli.monitors:add_model",
+        "adm": "fame.cli.adm:add",
+    },
+    "log": {"log": "fame.cli.logs:add"},
+    "tools": {
+        "split": "fame.cli.models:add_split",
+        "convert": "fame.cli.models:add_convert",
+        "library": "fame.cli.models:add_library_command",
+        "templates": "fame.cli.models:add_templates",
+        "topic": "fame.cli.ros:add_topic",
+        "param": "fame.cli.ros:add_param",
+        "unit": "fame.cli.unit:add",
+        "completion": "fame.cli.completion:add",
+        "docs": "fame.cli.docs:add",
+    },
+}
+"""The function that declares each command, by group. A module is imported when one of its commands is asked for: an
+engine starts without what the other commands need. Commands of a team are also parts of ``fame team``; those of
+monitors are only parts of ``fame monitor``, and their names alone are old."""
 
 
 # ---- languages and middlewares ---------------------------------------------------------------------------------------

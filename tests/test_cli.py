@@ -14,7 +14,7 @@ from fame_test_runs import fame_test
 
 from fame import __version__
 from fame.__main__ import main as begin
-from fame.cli import COMMANDS, main, parser, run as run_command
+from fame.cli import NAMES, main, parser, run as run_command
 from fame.cli.output import coloured, table, table_within
 
 ROOT = Path(__file__).parent.parent
@@ -38,11 +38,15 @@ def test_help_is_one_screen_with_all_commands_in_groups(capsys) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 100
-    listed = [line.split() for line in lines if line.startswith(" ")]
-    parted = ("monitor", "log")
-    commands = [words[:1] if words[0] in parted or words[1][0].isupper() else words for words in listed]
-    assert [name for words in commands for name in words] == [name for name in COMMANDS if name != "team"]
-    assert [words[1::2] for words in listed if words[0] in parted] == [[*MONITORS], [*LOGS]]
+    rooms = lines.index("of parts that an installation may lack:")
+    parts = [part.split() for line in lines[rooms + 1 : -3] for part in line.partition(":")[0].split(";")]
+    assert {words[0] for words in parts} == {"view", "test", "monitor", "topic", "param", "router"}
+    core = [line.split() for line in lines[:rooms] if line.startswith(" ")]
+    commands = [words[:1] if words[0] == "log" or words[1][0].isupper() else words for words in core]
+    assert sorted(name for words in [*commands, *(part[:1] for part in parts)] for name in words) == sorted(
+        name for name in NAMES if name != "team"
+    )
+    assert [words[1::2] for words in [*core, *parts] if words[0] in ("monitor", "log")] == [[*LOGS], [*MONITORS]]
 
 
 @pytest.mark.parametrize("group", ["team", "monitor", "log"])
@@ -103,7 +107,7 @@ def test_other_shells_have_a_script_with_the_same_words(shell: str, capsys) -> N
     assert "local dds zenoh ros" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", NAMES)
 def test_each_command_explains_itself_with_examples(command: str, capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main([command, "--help"])
@@ -122,7 +126,7 @@ def test_each_example_of_fame_check_is_a_command_line(capsys) -> None:
     assert ([str(path) for path in compared.models], compared.wait) == (["examples/warehouse.yaml"], 5.0)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", NAMES)
 def test_each_command_with_a_middleware_says_for_which_ros_arguments_count(command: str, capsys) -> None:
     with pytest.raises(SystemExit):
         main([command, "--help"])

@@ -15,7 +15,7 @@ import pytest
 
 from fame.bpmn import read_text
 from fame.bpmn.extension_properties import PROPERTIES, THROWS
-from fame.cli import COMMANDS, main, parser, project
+from fame.cli import NAMES, main, parser, project
 from fame.config.loader import read_document
 from fame.config.values import entries
 from fame.deploy.migration import read_plan
@@ -77,7 +77,7 @@ def test_pages_that_code_names_exist() -> None:
 def test_the_reference_has_every_command_with_examples_that_parse() -> None:
     page = generate("<!-- generated: commands -->")
     told = re.findall(r"^#+ `fame (\S+)`$", page, re.MULTILINE)
-    assert told == [name for name in COMMANDS if name != "team"]
+    assert told == [name for name in NAMES if name != "team"]
     assert "| `--middleware local\\|dds\\|zenoh\\|ros` | local (default): everything in one process" in page
     examples = [line for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()]
     assert len(examples) > 100

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -14,6 +15,9 @@ from typing import NamedTuple
 import pytest
 from bpmn_text import process
 from domains import PROCESSES
+
+from fame import rooms
+from fame.rooms import room_of
 
 ROOT = Path(__file__).parent.parent
 LAYERS = (
@@ -144,6 +148,38 @@ def test_packages_import_each_other_in_one_direction() -> None:
     assert list(TopologicalSorter(graph).static_order())
 
 
+def test_the_core_imports_no_room() -> None:
+    into = [item for item in imports() if room_of(item.target) not in ("", room_of(item.source))]
+    assert [str(item) for item in into if not room_of(item.source)] == []
+    assert {room_of(item.target) for item in into} >= {"explore", "monitor", "ros"}  # or nothing was looked at
+
+
+def places(table: object) -> Iterator[str]:
+    """The places ``module:Name`` in tables of `fame.rooms`."""
+    if isinstance(table, str):
+        yield from [table] if re.fullmatch(r"[\w.]+:\w+", table) else []
+    elif isinstance(table, Mapping | tuple):
+        for value in table.values() if isinstance(table, Mapping) else table:
+            yield from places(value)
+
+
+def test_what_the_tables_of_rooms_name_is_there() -> None:
+    found = [place for table in vars(rooms).values() for place in places(table)]
+    assert len(found) > 60
+    for module, _, name in (place.partition(":") for place in found):
+        tree = ast.parse(MODULES[module].read_text("utf-8"))
+        assert name in {name for node in tree.body for name in bound(node)}, f"{module}:{name}"
+    assert {module for room in rooms.ROOMS.values() for module in room.modules} <= MODULES.keys()
+
+
+def bound(node: ast.stmt) -> Iterator[str]:
+    """The names that a statement of a module defines or imports."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        yield node.name
+    elif isinstance(node, ast.ImportFrom):
+        yield from (alias.asname or alias.name for alias in node.names)
+
+
 def test_the_engine_knows_nothing_but_the_model() -> None:
     allowed = {"fame.bpmn.model", "fame.errors", "fame.text"}
     outside = [item for item in imports() if package_of(item.source) == "fame.engine" != package_of(item.target)]
@@ -245,7 +281,7 @@ def test_nothing_heavy_is_loaded(code: str) -> None:
 HELP = {"cli", "errors", "imports", "rooms", "text"}
 CHECK = {*HELP, "bpmn", "check", "clock", "config", "engine", "iso8601", "middleware", "properties", "robot",
          "scripting", "worker"}  # fmt: skip
-ROOMS = {"--help": HELP, "check": CHECK, "run": {*CHECK, "gc_tuning", "randomness", "scenario"}}
+LOADED = {"--help": HELP, "check": CHECK, "run": {*CHECK, "gc_tuning", "randomness", "scenario"}}
 """The packages and modules of FAME that a command may load for a process of one task."""
 ELSEWHERE = {"lxml", "cython_runtime"}
 LATE = {
@@ -255,7 +291,7 @@ LATE = {
 """What a process of one task needs none of, and what takes longer to load than the task."""
 
 
-@pytest.mark.parametrize("command", ROOMS)
+@pytest.mark.parametrize("command", LOADED)
 def test_a_command_loads_what_its_process_needs(command: str, tmp_path: Path) -> None:
     (tmp_path / "m.bpmn").write_text(process('<startEvent id="s"/>'))
     arguments = [command, *[str(tmp_path / "m.bpmn")] * (command != "--help")]
@@ -266,8 +302,8 @@ def test_a_command_loads_what_its_process_needs(command: str, tmp_path: Path) ->
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = set(done.stderr.split())
-    rooms = {name.split(".")[1] for name in loaded if name.startswith("fame.")}
+    parts = {name.split(".")[1] for name in loaded if name.startswith("fame.")}
     others = {name.split(".")[0] for name in loaded} - set(sys.stdlib_module_names) - {"fame"}
-    assert rooms <= ROOMS[command]
+    assert parts <= LOADED[command]
     assert {name for name in others if not name.startswith("_")} <= ELSEWHERE
     assert loaded & LATE == ({"importlib.metadata"} if command == "check" else set())  # of checks of other packages

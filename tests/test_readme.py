@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fame import cli
-from fame.cli import GROUPS
+from fame.rooms import COMMANDS
 from sim2d.robot import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
@@ -53,7 +53,7 @@ def test_the_commands_of_a_page_exist_and_so_do_their_files(page: Path) -> None:
     assert {name for name in files if not (ROOT / name).is_file()} == set()
 
 
-TEAM = (*GROUPS["team"], "team", "topic", "param")
+TEAM = (*COMMANDS["team"], "team", "topic", "param")
 EXTRA_OF = {"campaign": "campaign", "test": "test", "view": "view", "router": "zenoh", "keys": "dds", "demo": "sim"}
 
 

@@ -2,7 +2,8 @@
 
 Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 3: not known. 130: interrupted. Every
 error is one line on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it
-(`_DECLARATIONS`), and a function of its parsed arguments that returns the exit code; heavy parts are imported there.
+(`fame.rooms.COMMANDS`), and a function of its parsed arguments that returns the exit code, where heavy parts are
+imported.
 """
 
 from __future__ import annotations
@@ -14,8 +15,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from importlib import import_module
+from contextlib import contextmanager, nullcontext, suppress
 from io import TextIOWrapper
 from textwrap import wrap
 from types import FrameType
@@ -25,78 +25,16 @@ from fame.cli import output, project
 from fame.cli.arguments import Commands, Parser, Version, group as add_group, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
-from fame.errors import NOT_KNOWN, FameError, ValueChanged
+from fame.errors import NOT_KNOWN, FameError, UnavailableError, ValueChanged
+from fame.rooms import COMMANDS, ROOMS, load, room_of
 
-GROUPS: Mapping[str, Mapping[str, str]] = {
-    "mission": {
-        "new": "new.add_new",
-        "demo": "new.add_demo",
-        "run": "run.add",
-        "test": "testing.add",
-        "check": "check.add",
-        "campaign": "campaign.add",
-        "draw": "models.add_draw",
-        "view": "view.add",
-    },
-    "team": {
-        "engine": "engine.add",
-        "deploy": "deployment.add_deploy",
-        "splitter": "deployment.add_splitter",
-        "router": "router.add",
-        "status": "robots.add_status",
-        **dict.fromkeys(
-            (
-                "complete",
-                "activate",
-                "abort",
-                "retry",
-                "suspend",
-                "take-over",
-                "continue",
-                "skip",
-                "restart",
-                "fail",
-                "set",
-                "move",
-            ),
-            "robots.add_requests",
-        ),
-        "world": "worlds.add_world",
-        **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
-        "keys": "deployment.add_keys",
-        "doctor": "doctor.add",
-    },
-    "monitor": {
-        "record": "pipelines.add_record",
-        "train": "pipelines.add_train",
-        "process": "pipelines.add_process",
-        "judge": "monitors.add_judge",
-        "model": "monitors.add_model",
-        "adm": "adm.add",
-    },
-    "log": {"log": "logs.add"},
-    "tools": {
-        "split": "models.add_split",
-        "convert": "models.add_convert",
-        "library": "models.add_library_command",
-        "templates": "models.add_templates",
-        "topic": "ros.add_topic",
-        "param": "ros.add_param",
-        "unit": "unit.add",
-        "completion": "completion.add",
-        "docs": "docs.add",
-    },
-}
-"""The function that declares each command, by group. A module is imported when one of its commands is asked for: an
-engine starts without what the other commands need. Commands of a team are also parts of ``fame team``; those of
-monitors are only parts of ``fame monitor``, and their names alone are old."""
 _PARTS = {
     "team": ("the commands for a running team; each is also a command of its own", "fame team status"),
     "monitor": ("learned models on the data of robots: record, train, process, judge", "fame monitor train own.yaml"),
 }
 """The groups whose commands are parts of a command: help and example."""
-COMMANDS = tuple(
-    name for group, names in GROUPS.items() for name in ((group,) if group in _PARTS else ()) + tuple(names)
+NAMES = tuple(
+    name for group, names in COMMANDS.items() for name in ((group,) if group in _PARTS else ()) + tuple(names)
     if group != "monitor" or name == group
 )  # fmt: skip
 _HELP = ("-h", "--help", "--version")
@@ -187,7 +125,7 @@ def _noting_interrupts() -> Iterator[list[int]]:
 
 def _with_new_name(given: list[str]) -> list[str]:
     """A command line with the new name of its command, which is said if the name is old."""
-    if not given or given[0] not in GROUPS["monitor"]:
+    if not given or given[0] not in COMMANDS["monitor"]:
         return given
     if "--json" not in given:
         note(f"fame: note: fame {given[0]} is now fame monitor {given[0]}")
@@ -199,21 +137,21 @@ def parser(name: str = "", part: str = "") -> Parser:
     top = _Top(prog="fame")
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for group, declarations in GROUPS.items() if name not in _HELP else [("mission", GROUPS["mission"])]:
-        if group in _PARTS and (name == group or name not in COMMANDS):
+    for group, declarations in COMMANDS.items() if name not in _HELP else [("mission", _of_room("")["mission"])]:
+        if group in _PARTS and (name == group or name not in NAMES):
             about, example = _PARTS[group]
             made = add_group(commands, group, help=about, examples=(example,))
             _declare(made.add_subparsers(metavar="SUBCOMMAND", required=True), declarations, part)
-        if group != "monitor" and (name in declarations or name not in COMMANDS):
+        if group != "monitor" and (name in declarations or name not in NAMES):
             _declare(commands, declarations, name)
     return top
 
 
 def _declare(commands: Commands, declarations: Mapping[str, str], name: str) -> None:
-    """Declare the command of a name, else all."""
+    """Declare the command of a name, else all whose rooms are there."""
     for place in dict.fromkeys([declarations[name]] if name in declarations else declarations.values()):
-        module, add = place.split(".")
-        getattr(import_module(f"fame.cli.{module}"), add)(commands)
+        with suppress(UnavailableError) if name not in declarations else nullcontext():
+            load(place)(commands)
 
 
 class _Top(Parser):
@@ -221,21 +159,41 @@ class _Top(Parser):
 
     def format_help(self) -> str:
         (commands,) = (action.choices for action in self.arguments if isinstance(action.choices, dict))
-        missions = [f" {name:10}{commands[name].description}" for name in GROUPS["mission"]]
+        core = _of_room("")
+        missions = [f" {name:10}{commands[name].description}" for name in core["mission"]]
         return "\n".join(
             [
                 "usage: fame [-h] [--version] COMMAND ...",
                 "Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.\n",
                 *("a mission:", *missions),
                 "a running team, also as fame team COMMAND:",
-                *wrap(" ".join(GROUPS["team"]), 96, initial_indent=" ", subsequent_indent=" "),
-                *("learned models on the data of robots:", f" monitor {' | '.join(GROUPS['monitor'])}"),
-                *("recordings:", " log record | convert | merge | judge"),
-                *("tools:", f" {' '.join(GROUPS['tools'])}\n"),
+                *wrap(" ".join(core["team"]), 96, initial_indent=" ", subsequent_indent=" "),
+                *("recordings and tools:", " log record | convert | merge | judge", f" {' '.join(core['tools'])}"),
+                "of parts that an installation may lack:",
+                *_room_lines(),
+                "",
                 "fame COMMAND --help describes a command; fame team, fame monitor and fame log list theirs.",
                 "Exit codes: 0 success, 1 the mission or a check failed, 2 wrong request, 3 not known, 130 Ctrl-C.\n",
             ]
         )
+
+
+def _of_room(room: str) -> dict[str, dict[str, str]]:
+    """The commands of a room by group; with no name, those of the core."""
+    return {
+        group: {name: place for name, place in names.items() if room_of(place.partition(":")[0]) == room}
+        for group, names in COMMANDS.items()
+    }
+
+
+def _room_lines() -> Iterator[str]:
+    """A line for each room that has commands."""
+    for room, about in ROOMS.items():
+        parts = _of_room(room)
+        names = [f"monitor {' | '.join(parts.pop('monitor'))}"] if parts["monitor"] else []
+        names += [name for commands in parts.values() for name in commands]
+        if names:
+            yield f" {'; '.join(names)}: {about.about}"
 
 
 def _report(error: FameError, cause: BaseException, given: Sequence[str], code: int) -> int:

@@ -6,7 +6,6 @@ import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from fame.cli.arguments import Commands, Parser, add_library, add_trust, command
 from fame.cli.network import add_network, guard, lockstep, note_ready, wait_until
 from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
-from fame.rooms import ZENOH_MEETING, load
+from fame.rooms import MIDDLEWARES, ZENOH_MEETING, load
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -165,7 +164,8 @@ def _prepare_several(arguments: Namespace) -> None:
     twice = [name for name in dict.fromkeys(arguments.names) if arguments.names.count(name) > 1]
     if twice:
         raise ConfigError(f"named twice: {', '.join(twice)}")
-    import_module(f"fame.middleware.{arguments.middleware}")
+    if arguments.middleware in MIDDLEWARES:
+        load(MIDDLEWARES[arguments.middleware])
     preload_all()
 
 
