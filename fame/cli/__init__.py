@@ -141,7 +141,10 @@ def parser(name: str = "", part: str = "") -> Parser:
         if group in _PARTS and (name == group or name not in NAMES):
             about, example = _PARTS[group]
             made = add_group(commands, group, help=about, examples=(example,))
-            _declare(made.add_subparsers(metavar="SUBCOMMAND", required=True), declarations, part)
+            parts = made.add_subparsers(metavar="SUBCOMMAND", required=True)
+            _declare(parts, declarations, part)
+            if name == group and not parts.choices:
+                load(next(iter(declarations.values())))  # which says what is lacking
         if group != "monitor" and (name in declarations or name not in NAMES):
             _declare(commands, declarations, name)
     return top
