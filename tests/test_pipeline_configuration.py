@@ -13,7 +13,6 @@ from fame.middleware import messages
 from fame.middleware.interface import SIGNAL
 from fame.monitor.pipeline.configuration import INPUT, Configuration, load
 from fame.monitor.pipeline.fields import UnusableMessage, reader, writer
-from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import PROCESSORS, assign, find_class, make_processors
 from fame.monitor.pipeline.train import training_of
 
@@ -208,13 +207,6 @@ def test_what_the_page_shows_is_true(tmp_path: Path) -> None:
     (tmp_path / "page.yaml").write_text(shown.removeprefix("yaml\n"))
     found = load(tmp_path / "page.yaml")
     assert (found.name, found.inputs[0].rate, found.stages[0].cls) == ("low_pass", 500.0, "LowPass")
-    code = next(block for block in blocks if "class Power" in block).removeprefix("python\n")
-    (tmp_path / "power.py").write_text(code)
-    stage = {"Class": "power.py:Power", "Parameters": {"gain": 3.0}}
-    (power,) = make_processors(read(tmp_path, Processor=stage))
-    stamps = np.arange(2.0)
-    given = {"effort": Samples(np.array([1.0, 2.0]), stamps), "velocity": Samples(np.array([3.0, 4.0]), stamps)}
-    assert power.execute(given)["power"].values.tolist() == [9.0, 24.0]
     training = next(block for block in blocks if block.startswith("yaml\nTraining")).removeprefix("yaml\n")
     section = {**yaml.safe_load(training)["Training"], "Files": []}
     asked = training_of(ConfigValue(section, "Training"), tmp_path)

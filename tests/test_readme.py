@@ -75,7 +75,7 @@ def extras_needed(words: list[str]) -> Iterator[str]:
 
 @pytest.mark.parametrize("page", ["README.md", "examples/README.md", *(f"docs/{path.name}" for path in DOCS)])
 def test_a_page_names_the_extras_that_its_commands_need(page: str) -> None:
-    named = {extra for each in re.findall(r"\[([a-z,]+)\]'", read(page)) for extra in each.split(",")}
+    named = {extra for each in re.findall(r"\[([a-z,]+)\]['\"]", read(page)) for extra in each.split(",")}
     needed = {extra for command in commands(read(page)) for extra in extras_needed(shlex.split(command))}
     assert needed - named - ({"dds"} if "zenoh" in named else set()) == set()
 
