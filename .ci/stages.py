@@ -63,6 +63,10 @@ class Outcome(NamedTuple):
 def main(names: list[str]) -> int:
     """Run stages; the exit code."""
     os.chdir(ROOT)
+    if names not in (["landing"], ["nightly"]) and (not names or not STAGES.keys() >= {*names}):
+        unknown = ", ".join(name for name in names if name not in STAGES) or "nothing"
+        print(f"expected landing, nightly or stages ({', '.join(STAGES)}), got {unknown}", file=sys.stderr)
+        return 2
     if os.environ.get("VERSIONS") != "newest":
         os.environ.setdefault("PIP_CONSTRAINT", str(ROOT / ".ci" / "constraints.txt"))
     os.environ.setdefault("PYTHON", system_python())
@@ -73,12 +77,15 @@ def main(names: list[str]) -> int:
         groups = [*LANDING, *([name] for name in chosen)]
     elif names == ["nightly"]:
         groups = [*LANDING, *([name] for name in NIGHTLY)]
+    groups = [*groups]
     with tempfile.NamedTemporaryFile() as closing:
         os.environ["STAGES"] = closing.name
         outcomes: list[Outcome] = []
-        for group in groups:
+        for number, group in enumerate(groups, 1):
             outcomes += together(group)
-            if any(outcome.outcome == "FAILED" for outcome in outcomes):
+            if failed := [outcome.name for outcome in outcomes if outcome.outcome == "FAILED"]:
+                after = [name for group in groups[number:] for name in group]
+                left += [Outcome(name, "NOT RUN", 0.0, f"{failed[0]} has failed") for name in after]
                 break
         print("\n" + Path(closing.name).read_text("utf-8"))
     print(*outcomes, *left, sep="\n")
@@ -110,11 +117,15 @@ def run(name: str, output: Path | None = None) -> Outcome:
     began = time.monotonic()
     with (output or Path(os.devnull)).open("wb") as stream:
         to = stream if output else None
-        started = subprocess.Popen(stage.command(), stdin=subprocess.DEVNULL, stdout=to, stderr=to, process_group=0)
+        try:
+            started = subprocess.Popen(stage.command(), stdin=subprocess.DEVNULL, stdout=to, stderr=to, process_group=0)
+        except OSError as error:
+            return Outcome(name, "FAILED", 0.0, str(error))
         try:
             code, reason = started.wait(LONGEST), ""
         except BaseException as error:
             os.killpg(started.pid, signal.SIGKILL)
+            started.wait()
             if not isinstance(error, subprocess.TimeoutExpired):
                 raise
             code, reason = 1, f"not ended after {LONGEST} s"
@@ -132,7 +143,8 @@ def make(*words: str) -> list[str]:
 
 def on_loopback(command: Sequence[str]) -> list[str]:
     """Give the command on loopback alone, if the system allows it."""
-    allowed = subprocess.run([*LOOPBACK, "true"], capture_output=True, check=False).returncode == 0
+    known = shutil.which(LOOPBACK[0]) is not None
+    allowed = known and subprocess.run([*LOOPBACK, "true"], capture_output=True, check=False).returncode == 0
     return [*LOOPBACK, *command] if allowed else list(command)
 
 
@@ -284,11 +296,13 @@ def commit_day() -> int:
 
 def changed_paths() -> list[str]:
     """The paths that changed since BASE, or in the day before HEAD."""
-    base = os.environ.get("BASE") or git(
-        "rev-list", "-1", f"--before={int(git('log', '-1', '--format=%ct')) - 86400}", "HEAD"
-    )
+    base = os.environ.get("BASE")
+    if base and subprocess.run(["git", "rev-parse", "-q", "--verify", f"{base}^{{commit}}"], check=False).returncode:
+        sys.exit(f"BASE: expected a revision that is here, got {base!r}")
+    base = base or git("rev-list", "-1", f"--before={int(git('log', '-1', '--format=%ct')) - 86400}", "HEAD")
     return git("diff", "--name-only", base, "HEAD").splitlines() if base else []
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # and its stage ends, too
     sys.exit(main(sys.argv[1:]))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from started import end_processes
@@ -115,6 +117,46 @@ def test_a_landing_has_the_stage_of_its_day_and_those_of_what_changed() -> None:
     assert {outcome.name for outcome in left} == set(stages["NIGHTLY"]) - set(chosen)
     assert {outcome.outcome for outcome in left} == {"NOT RUN"}
     assert rotating(names.index("wheel"), ["fame/engine/waiting.py"])[0] == ["wheel", "kept"]
+
+
+@pytest.fixture
+def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The names of stages.py, with stages of one program each."""
+    names = runpy.run_path(str(STAGE.with_name("stages.py")))
+    for name in ("PIP_CONSTRAINT", "PYTHON", "STAGES"):
+        monkeypatch.setenv(name, "")  # and as it was, after the test
+    monkeypatch.chdir(STAGE.parent)
+    programs = {"good": ["true"], "bad": ["false"], "missing": ["/no/such/program"], "endless": ["sleep", "60"]}
+    own = {name: names["Stage"](lambda words=words: words) for name, words in programs.items()}
+    names["main"].__globals__.update(STAGES=own, LONGEST=0.01)
+    return names
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("bad", "exit code 1"), ("missing", "No such file"), ("endless", "not ended after 0.01 s")]
+)
+def test_a_stage_that_fails_is_the_last_one_and_the_others_are_in_the_table(
+    stages: dict[str, Any], name: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert stages["main"](["good", name, "good"]) == 1
+    rows = capsys.readouterr().out.splitlines()[-4:]
+    assert [row.split()[:2] for row in rows[:2]] == [["good", "passed"], [name, "FAILED"]]
+    assert reason in rows[1]
+    assert re.fullmatch(rf"good +NOT RUN +0 s  {name} has failed", rows[2])
+
+
+@pytest.mark.parametrize("names", [[], ["goood"], ["landing", "good"]])
+def test_a_name_that_is_no_stage_is_refused(
+    stages: dict[str, Any], names: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert stages["main"](names) == 2
+    assert "expected landing, nightly or stages (good, bad, missing, endless)" in capsys.readouterr().err
+
+
+def test_a_base_that_is_not_here_is_said(stages: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BASE", "no-such-revision")
+    with pytest.raises(SystemExit, match="BASE: expected a revision that is here, got 'no-such-revision'"):
+        stages["changed_paths"]()
 
 
 def test_the_workflows_are_valid(node_modules: Path) -> None:
