@@ -19,6 +19,8 @@ from __future__ import annotations
 import reprlib
 from typing import Protocol
 
+LONGEST = 10_000
+"""Most characters of a message that is not cut."""
 NOT_KNOWN = 3
 """The exit code of a command that found nothing wrong, but could not judge all that it was asked about."""
 
@@ -51,7 +53,10 @@ class FameError(Exception):
     exit_code: int = 2
 
     def __init__(self, text: str) -> None:
-        super().__init__(" ".join(text.split()))
+        line = " ".join(text.split())
+        if len(line) > LONGEST:  # a name of megabytes, in somebody's file
+            line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 4 :]}"
+        super().__init__(line)
 
 
 class _Located(FameError):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -223,3 +225,22 @@ def test_a_folder_is_read_by_its_files_whatever_it_says_of_its_storage(compressi
     (folder / "metadata.yaml").write_text("relative_file_paths: 3\n")
     with pytest.raises(ConfigError, match=r"metadata\.yaml is not that of a bag"):
         positions(folder)
+
+
+def test_a_value_that_a_database_would_have_to_compute_is_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "bag.db3"
+    with closing(sqlite3.connect(path)) as base:
+        base.executescript(
+            "CREATE TABLE topics(id INTEGER, name TEXT, type TEXT, serialization_format TEXT,"
+            " offered_qos_profiles TEXT);"
+            "CREATE TABLE messages(topic_id INTEGER, timestamp INTEGER, id INTEGER PRIMARY KEY,"
+            " data BLOB AS (zeroblob(300000000)));"
+            f"INSERT INTO topics VALUES(1, '/joint_states', '{STATE}', 'cdr', '');"
+            "INSERT INTO messages VALUES(1, 1, 1);"
+        )
+    with pytest.raises(ConfigError, match=r"bag\.db3: is not a readable bag: string or blob too big"):
+        positions(path)
+
+
+def test_what_is_said_of_a_name_of_megabytes_has_an_end() -> None:
+    assert len(str(ConfigError(f"unknown type {'a' * 10**7}, known are: b", file="x"))) < 10_000

@@ -14,6 +14,7 @@ from fame.cli import main
 from fame.clock import SECOND
 from fame.log.recording import Recording
 from fame.robot.events import Event
+from fame.scenario import film_diagram
 from fame.scenario.film_diagram import CAPTION, DiagramFilm
 
 pytest.importorskip("resvg_py", reason="needs the package resvg-py")
@@ -114,6 +115,23 @@ def test_a_signal_is_named_when_it_is_thrown() -> None:
     silent, said, *_, over = film().frames([at("t", 1, "leave")], [0.5 + number for number in range(20)])
     assert share(caption(said), REX) > 1e-3
     assert share(caption(silent), REX) == share(caption(over), REX) == 0
+
+
+def test_a_diagram_of_any_size_is_drawn_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = WIDE.source.replace(b'x="3000" y="80"', b'x="3000000" y="80"')
+    monkeypatch.setattr(film_diagram, "_PIXELS", 1e5)
+    drawn = DiagramFilm(read_text(source.decode()), {"REX": REX}, 800, 400)
+    (image,) = drawn.frames([], [0.0])
+    assert image.width == 800
+    assert drawn._still.width * drawn._still.height < 2e5
+
+
+def test_a_recording_with_neither_diagram_nor_world_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "plain.bpmn").write_text(process('<startEvent id="s"/>'))
+    run = str(tmp_path / "run.mcap")
+    main(["run", str(tmp_path / "plain.bpmn"), "--quiet", "--log", run])
+    assert main(["draw", run, "-o", str(tmp_path / "x.gif")]) == 2
+    assert "run.mcap: has neither a drawn diagram nor a simulated world to show" in capsys.readouterr().err
 
 
 def test_a_run_without_a_world_has_a_film_of_its_diagram(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, NamedTuple
 import yaml
 
 from fame.errors import ConfigError, FameError, MessageError
-from fame.log.mcap_index import ChunkPlace, chunk_messages, in_order, read_index, unpack
+from fame.log.mcap_index import CHUNK_LIMIT, ChunkPlace, chunk_messages, in_order, read_index, unpack
 from fame.middleware.definitions import Definition, check_size, check_text, from_rosbags
 from fame.text import open_file
 
@@ -137,7 +137,8 @@ def _bag_file(path: Path, stack: ExitStack, compression: str) -> _Storage:
         storage = _of_rosbags(bag)
     elif begin == b"SQLite ":
         reader = Sqlite3Reader(path)
-        reader.open()
+        with _bounded_values():
+            reader.open()
         stack.callback(reader.close)
         storage = _of_rosbags(reader)
     elif not b"\x89MCAP0\r".startswith(begin or b"-"):
@@ -150,6 +151,21 @@ def _bag_file(path: Path, stack: ExitStack, compression: str) -> _Storage:
     return storage._replace(messages=lambda wanted: (
         (time, number, unpack(data, compression)) for time, number, data in messages(wanted)
     ))  # fmt: skip
+
+
+@contextmanager
+def _bounded_values() -> Iterator[None]:
+    """Bound a value of the databases that this block opens: a generated column may state one of any size."""
+    import apsw
+
+    def bound(connection: apsw.Connection) -> None:
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, CHUNK_LIMIT)
+
+    apsw.connection_hooks.append(bound)
+    try:
+        yield
+    finally:
+        apsw.connection_hooks.remove(bound)
 
 
 def _of_mcap(stream: BinaryIO, file: str) -> _Storage:

@@ -8,6 +8,7 @@ where a token came last; what comes again and again, as a loop that waits for od
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,6 +37,8 @@ _HOLD, _NEWS = 12, 6
 """For how many frames the window stays at an element, and how often an element is news."""
 _GLIDE = 0.25
 """The share of its way that the window makes in a frame."""
+_PIXELS = 2.5e7
+"""Most pixels of the whole diagram: one that is larger is drawn too small to be read."""
 _NARROWER = 0.86
 """The width of the diagram's font relative to that of the film's."""
 
@@ -90,6 +93,7 @@ class DiagramFilm:
         self._nodes = {node.id: node for process in model.processes for node in process.body.walk()}
         most = height - CAPTION
         scale = max(READABLE, min(LARGEST, width / drawing.width, _STRETCH * most / drawing.height))
+        scale = min(scale, math.sqrt(_PIXELS / (drawing.width * drawing.height)))
         self._boxes = {id: _scaled(box, scale) for id, box in drawing.boxes.items()}
         self._lines = {id: [(x * scale, y * scale) for x, y in line] for id, line in drawing.lines.items()}
         self._frames = frozenset(drawing.frames)

@@ -102,7 +102,9 @@ def draw_film(
         if show == "diagram" and not is_picture and run.model is None:
             raise ConfigError("has no diagram to draw", file=str(source))
         if run.world is None and (is_picture or show == "world" or run.model is None):
-            raise ConfigError("has no simulated world to draw", file=str(source))
+            neither = "neither a drawn diagram nor a simulated world to show"
+            only = is_picture or show == "world"
+            raise ConfigError(f"has {'no simulated world to draw' if only else neither}", file=str(source))
         if run.model is not None and not is_picture and show != "world":
             _draw_diagram(run, run.model, target, title, run.world if show == "both" else None, progress)
         elif run.world is not None and is_picture:
