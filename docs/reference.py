@@ -9,9 +9,11 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import partial
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
@@ -204,6 +206,28 @@ def prose(docstring: str) -> Iterator[str]:
             yield from (escaped(re.sub(r"``(.+?)``", r"`\1`", part)).replace("::", ":"), "")
 
 
+# ---- findings of checks ----------------------------------------------------------------------------------------------
+
+CASES = {
+    "errors": {"test_check_errors": "ERRORS"},
+    "warnings": {
+        "test_check_warnings": "WARNINGS",
+        **{f"test_check_{of}": "WARNINGS" for of in ("flow", "signals", "scripts", "kinds", "concurrency")},
+    },
+}
+"""The tests that have a model and a message for each problem."""
+
+
+def findings(level: str) -> Iterator[str]:
+    """What `fame check` says, by the names that tests give to the problems."""
+    sys.path[:0] = [str(Path(__file__).parent.parent / "tests")]
+    rows: dict[str, str] = {}
+    for module, name in CASES[level].items():
+        for problem, (_, message) in getattr(import_module(module), name).items():
+            rows.setdefault(message.partition(": ")[2].replace("|", chr(92) + "|"), escaped(problem))
+    yield from ("| problem | example |", "| --- | --- |", *(f"| {name} | {text} |" for text, name in rows.items()))
+
+
 # ---- topics of robots ------------------------------------------------------------------------------------------------
 
 
@@ -284,6 +308,8 @@ FILES: Mapping[str, Mapping[str, Mapping[str, str]]] = {
 """The tables of the validators."""
 GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {
     "commands": commands,
+    "errors": partial(findings, "errors"),
+    "warnings": partial(findings, "warnings"),
     "keys": keys,
     "properties": properties,
     "python": api,
