@@ -42,8 +42,12 @@ ROOMS: Mapping[str, Room] = {
         "every reachable state of a collaboration",
     ),
     "judge": Room(
-        ("fame.log.judge", "fame.log.live_judge", "fame.log.bags", "fame.log.property_watch"),
-        "properties of a team, judged on recordings and on the network",
+        (
+            *("fame.properties.judge", "fame.scenario.judging", "fame.log.judge", "fame.log.live_judge"),
+            *("fame.log.bags", "fame.log.event_logs", "fame.log.recorded_events", "fame.log.xes_reading"),
+            *("fame.log.property_watch", "fame.cli.judging"),
+        ),
+        "properties of a team, judged in runs, logs and on the network",
     ),
     "dds": Room(("fame.middleware.dds",), "the network of ROS 2, without ROS", "dds"),
     "zenoh": Room(("fame.middleware.zenoh", "fame.cli.router"), "the network of rmw_zenoh, without ROS", "zenoh"),
@@ -209,7 +213,6 @@ MIDDLEWARES: Mapping[str, str] = {
 
 # ---- what else the core uses of rooms --------------------------------------------------------------------------------
 
-ALARM = "fame.log.property_watch:Alarm"
 DDS_TYPE = "fame.middleware.dds.wire:declared"
 EXPLORE_FOUND = "fame.scenario.exploration:explore_found"
 EXPLORE_MIGRATED = "fame.scenario.exploration:explore_migrated"
@@ -218,12 +221,15 @@ EXPLORE_OPTIONS = "fame.cli.exploration:add_arguments"
 EXPLORE_RUN = "fame.cli.exploration:run"
 FINDING_AS_JSON = "fame.cli.exploration:finding_as_json"
 JAVASCRIPT_HOST = "fame.scripting.javascript:HostApi"
-JUDGE_BAG = "fame.log.bags:judge_bag"
+JUDGE_COMMAND = "fame.cli.judging:judge"
+JUDGE_FOR = "fame.cli.judging:live_judge"
 JUDGE_LOG = "fame.log.judge:judge_log"
-LIVE_JUDGE = "fame.log.live_judge:LiveJudge"
 MONITOR_INPUTS = "fame.cli.monitors:add_inputs"
 MONITOR_ON_PAGE = "fame.cli.monitors:judged_on_page"
-READS_TOPIC = "fame.log.judge:reads"
+RUN_JUDGE = "fame.scenario.judging:RunJudge"
+RUN_WATCHES = "fame.scenario.judging:RunWatches"
+TEAM_VOCABULARY = "fame.scenario.judging:team_vocabulary"
+TOPICS_READ = "fame.scenario.judging:topics_read"
 VIEW_OPTIONS = "fame.cli.view:add_page"
 VIEW_RUN = "fame.cli.view:viewed"
 VIEW_WAIT = "fame.cli.view:wait_for_interrupt"

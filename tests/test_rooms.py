@@ -25,7 +25,8 @@ FILES = {
     "el.bpmn": process(FLOWS.replace('targetRef="t"/>', 'targetRef="t"><conditionExpression>${1 == 1}'
                                      "</conditionExpression></sequenceFlow>") + SCRIPT.format("python")),
     "node.bpmn": process(f'{FLOWS}<serviceTask id="t" camunda:type="external" camunda:topic="process"/>'),
-    "m.properties.yaml": "properties: {ends: P completes}",
+    "p.bpmn": process(FLOWS + SCRIPT.format("python")),
+    "p.properties.yaml": "properties: {ends: P completes}",
     "test_m.py": "def test_m(mission): pass",
 }  # fmt: skip
 CORE = ("check m.bpmn", "run m.bpmn --log m.mcap", "split m.bpmn -o parts", f"draw {ROOT}/models/convoy.bpmn -o m.svg",
@@ -36,7 +37,11 @@ OF_ROOMS = {
     "explore": ("check --explore m.bpmn",),
     "feel": ("check el.bpmn", "run el.bpmn"),
     "javascript": ("run js.bpmn",),
-    "judge": ("log judge m.properties.yaml m.mcap",),
+    "judge": (
+        "log judge p.properties.yaml m.mcap",
+        "run p.bpmn",
+        "log record --properties p.properties.yaml -o r.mcap",
+    ),
     "monitor": ("monitor judge m.skops m.csv", "monitor", "run node.bpmn", "topic list", "record x.yaml -o m.csv"),
     "ros": ("engine REX --middleware ros",),
     "testing": ("test test_m.py",),

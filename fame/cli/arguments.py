@@ -251,6 +251,13 @@ def add_show(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_properties(parser: Parser) -> None:
+    parser.add_argument(
+        "--properties", type=Path, metavar="FILE.yaml",
+        help="judge these properties (NAME.properties.yaml), or those of a scenario",
+    )  # fmt: skip
+
+
 def add_from_room(parser: Parser | ArgumentGroup, options: str) -> None:
     """Declare the options that a room adds to a command; none if the room was taken away."""
     with suppress(UnavailableError):

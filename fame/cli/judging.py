@@ -1,4 +1,4 @@
-"""Options of commands that judge properties of a team, and their results."""
+"""``fame log judge``, and what judges the properties of a team for other commands."""
 
 from __future__ import annotations
 
@@ -7,20 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Parser
-from fame.rooms import LIVE_JUDGE, load
+from fame.cli.output import print_json, table
+from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.bpmn.model import Definitions
-    from fame.log.team_recorder import RecordingJudge
-    from fame.properties import Property, Vocabulary
-
-
-def add_properties(parser: Parser) -> None:
-    parser.add_argument(
-        "--properties", type=Path, metavar="FILE.yaml",
-        help="judge these properties (NAME.properties.yaml), or those of a scenario",
-    )  # fmt: skip
+    from fame.log.live_judge import LiveJudge
+    from fame.properties import Judgement, Property, Vocabulary
 
 
 def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocabulary | None]:
@@ -29,7 +22,6 @@ def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocab
     A scenario has those beside and in its model, too. Raises ConfigError for a file that has none.
     """
     from fame.config.loader import read_document
-    from fame.errors import ConfigError
     from fame.properties.files import KEYS, properties_and_model
 
     if read_document(path).mapping().keys() <= {*KEYS}:
@@ -43,9 +35,55 @@ def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocab
     return scenario.properties, scenario.definitions, team_vocabulary(scenario)
 
 
-def live_judge(arguments: Namespace, note: Callable[[str], object]) -> RecordingJudge | None:
+def live_judge(arguments: Namespace, note: Callable[[str], object]) -> LiveJudge:
     """Return what judges the properties of ``--properties`` while a team runs; `note` gets violations."""
-    if arguments.properties is None:
-        return None
-    judge: RecordingJudge = load(LIVE_JUDGE)(*subject(arguments.properties), note)
-    return judge
+    from fame.log.live_judge import LiveJudge
+
+    return LiveJudge(*subject(arguments.properties), note)
+
+
+def judge(arguments: Namespace) -> int:
+    """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
+    from fame.log.bag_reader import is_bag
+    from fame.log.bags import judge_bag
+    from fame.log.judge import judge_log
+    from fame.log.xes_reading import COLUMNS, is_xes
+    from fame.properties.judgement import HEADS, exit_code
+
+    columns = dict(arguments.columns)
+    if wrong := columns.keys() - COLUMNS.keys():
+        raise ConfigError(f"--columns: unknown key {min(wrong)!r}; keys are: {', '.join(COLUMNS)}")
+    runs = _runs(arguments.runs)
+    if columns and not any(map(is_xes, runs)):
+        raise ConfigError(f"--columns is for .xes files, got {', '.join(map(str, runs))}")
+    properties, model, team = subject(arguments.properties)
+    found: dict[str, list[Judgement]] = {
+        str(path): judge_bag(path, properties, model, team)
+        if is_bag(path)
+        else judge_log(path, properties, model, team=team, columns=columns if is_xes(path) else {})
+        for path in runs
+    }
+    if arguments.json:
+        print_json({"runs": {path: [one.to_json() for one in each] for path, each in found.items()}})
+    else:
+        rows = [(path, *one.row) for path, each in found.items() for one in each]
+        print(table(("run", *HEADS), rows) if len(found) > 1 else table(HEADS, [row[1:] for row in rows]))
+    return exit_code(one for each in found.values() for one in each)
+
+
+def _runs(paths: list[Path]) -> list[Path]:
+    """The logs and bags, and those in folders. Raises ConfigError for a folder without one."""
+    from fame.log.bag_reader import is_bag
+    from fame.log.event_logs import EVENT_LOGS
+
+    logs, found = (".mcap", *EVENT_LOGS), list[Path]()
+    for path in paths:
+        whole = not path.is_dir() or is_bag(path)
+        inside = [path] if whole else sorted(
+            one for one in path.rglob("*")
+            if is_bag(one) or (one.name.lower().endswith(logs) and not is_bag(one.parent))
+        )  # fmt: skip
+        if not inside:
+            raise ConfigError(f"has no log ({', '.join(logs)}) and no bag", file=str(path))
+        found += inside
+    return found

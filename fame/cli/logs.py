@@ -9,19 +9,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, Parser, add_json, add_types, command, group
-from fame.cli.judging import add_properties, live_judge, subject
+from fame.cli.arguments import Commands, Parser, add_json, add_properties, add_types, command, group
 from fame.cli.network import add_network, note_ready
-from fame.cli.output import note, print_json, progress_line, table
+from fame.cli.output import note, progress_line, table
 from fame.errors import ConfigError
-from fame.rooms import JUDGE_BAG, JUDGE_LOG, load
+from fame.rooms import JUDGE_COMMAND, JUDGE_FOR, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.log.recording_file import RecordingFile
     from fame.log.team_recorder import TeamRecorder
     from fame.middleware.interface import Middleware
-    from fame.properties import Judgement
 
 
 def add(commands: Commands) -> None:
@@ -68,7 +66,7 @@ def add(commands: Commands) -> None:
         "everything: also what is inside called files, and the messages of sensors and motors",
     )  # fmt: skip
     converting.add_argument(
-        "--object", action="append", default=[], type=_naming, metavar="TYPE=VARIABLE",
+        "--object", action="append", default=[], type=naming, metavar="TYPE=VARIABLE",
         help="OCEL: what a variable names is an object of this type; repeatable",
     )  # fmt: skip
     converting.add_argument(
@@ -85,7 +83,7 @@ def add(commands: Commands) -> None:
     _add_output(merging, "FILE.mcap", "the merged recording, in place of an old one")
 
     judging = command(
-        parts, "judge", judge,
+        parts, "judge", lambda arguments: int(load(JUDGE_COMMAND)(arguments)),
         examples=("fame log judge mission.properties.yaml run.mcap", "fame log judge examples/agriculture.yaml out"),
         help="judge the properties of a team in recordings: what fame run says while it runs",
     )  # fmt: skip
@@ -101,7 +99,7 @@ def add(commands: Commands) -> None:
         "the properties), or a folder of them",
     )  # fmt: skip
     judging.add_argument(
-        "--columns", action="append", default=[], type=_naming, metavar="KEY=NAME",
+        "--columns", action="append", default=[], type=naming, metavar="KEY=NAME",
         help="judge .xes files of another tool: what names the robot (org:resource unless said), the element by id or "
         "label (concept:name), the transition (lifecycle:transition) and the time (time:timestamp); case:NAME is "
         "that of the trace; repeatable",
@@ -124,11 +122,11 @@ def record(arguments: Namespace) -> int:
     from fame.log.recording_file import RecordingFile
     from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
     from fame.log.writing import new_file
-    from fame.properties.judge import HEADS, exit_code
+    from fame.properties.judgement import HEADS, exit_code
     from fame.scenario import serve
 
     _expect_recording(arguments.output)
-    judging = live_judge(arguments, note)
+    judging = load(JUDGE_FOR)(arguments, note) if arguments.properties is not None else None
     metadata = {"command": arguments.command_line}
     options = TeamRecorderOptions(robots=frozenset(arguments.robot), topics=arguments.log_topics, metadata=metadata)
     recorders: list[TeamRecorder] = []
@@ -165,7 +163,7 @@ def convert(arguments: Namespace) -> int:
     return _write("converting", partial(convert_recording, arguments.recording, **options), arguments)
 
 
-def _naming(text: str) -> tuple[str, str]:
+def naming(text: str) -> tuple[str, str]:
     kind, _, variable = text.partition("=")
     if not kind or not variable:
         raise ArgumentTypeError(f"expected KEY=NAME, as in parcel=parcel_id or robot=org:resource, got {text!r}")
@@ -188,48 +186,3 @@ def _write(doing: str, write: Callable[..., Iterable[str]], arguments: Namespace
     for warning in warnings:
         note(f"fame: {warning}")
     return 0
-
-
-def judge(arguments: Namespace) -> int:
-    """Judge logs, and print a table of each; exit code 1 on a violation, 3 if something is pending or not known."""
-    from fame.log.bag_reader import is_bag
-    from fame.log.xes_reading import COLUMNS, is_xes
-    from fame.properties.judge import HEADS, exit_code
-
-    columns = dict(arguments.columns)
-    if wrong := columns.keys() - COLUMNS.keys():
-        raise ConfigError(f"--columns: unknown key {min(wrong)!r}; keys are: {', '.join(COLUMNS)}")
-    runs = _runs(arguments.runs)
-    if columns and not any(map(is_xes, runs)):
-        raise ConfigError(f"--columns is for .xes files, got {', '.join(map(str, runs))}")
-    properties, model, team = subject(arguments.properties)
-    found: dict[str, list[Judgement]] = {
-        str(path): load(JUDGE_BAG)(path, properties, model, team)
-        if is_bag(path)
-        else load(JUDGE_LOG)(path, properties, model, team=team, columns=columns if is_xes(path) else {})
-        for path in runs
-    }
-    if arguments.json:
-        print_json({"runs": {path: [one.to_json() for one in each] for path, each in found.items()}})
-    else:
-        rows = [(path, *one.row) for path, each in found.items() for one in each]
-        print(table(("run", *HEADS), rows) if len(found) > 1 else table(HEADS, [row[1:] for row in rows]))
-    return exit_code(one for each in found.values() for one in each)
-
-
-def _runs(paths: list[Path]) -> list[Path]:
-    """The logs and bags, and those in folders. Raises ConfigError for a folder without one."""
-    from fame.log.bag_reader import is_bag
-    from fame.log.event_logs import EVENT_LOGS
-
-    logs, found = (".mcap", *EVENT_LOGS), list[Path]()
-    for path in paths:
-        whole = not path.is_dir() or is_bag(path)
-        inside = [path] if whole else sorted(
-            one for one in path.rglob("*")
-            if is_bag(one) or (one.name.lower().endswith(logs) and not is_bag(one.parent))
-        )  # fmt: skip
-        if not inside:
-            raise ConfigError(f"has no log ({', '.join(logs)}) and no bag", file=str(path))
-        found += inside
-    return found

@@ -27,7 +27,7 @@ from fame.cli.arguments import (
 from fame.cli.output import coloured, live_table, note, print_json, progress_line, table, table_within
 from fame.cli.scenarios import add_variations, scenario_of
 from fame.errors import ConfigError
-from fame.rooms import JUDGE_LOG, VIEW_OPTIONS, VIEW_RUN, VIEW_WAIT, load
+from fame.rooms import JUDGE_LOG, TEAM_VOCABULARY, VIEW_OPTIONS, VIEW_RUN, VIEW_WAIT, load
 
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
@@ -263,10 +263,9 @@ def _judgements(arguments: Namespace, scenario: Scenario, recording: Path) -> li
     if not scenario.properties:
         return []
     from fame.clock import SECOND
-    from fame.scenario.judging import team_vocabulary
 
     apart = round(_APART * (arguments.speed or 1.0) * SECOND)
-    team = team_vocabulary(scenario)
+    team = load(TEAM_VOCABULARY)(scenario)
     found: list[Judgement] = load(JUDGE_LOG)(recording, scenario.properties, team=team, apart=apart, is_open=True)
     return found
 
@@ -388,7 +387,7 @@ def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
         ended = f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}"
         print(coloured(ended, sys.stdout), flush=True)
         if result.judgements:
-            from fame.properties.judge import HEADS as HEADS_OF_PROPERTIES
+            from fame.properties.judgement import HEADS as HEADS_OF_PROPERTIES
 
             print(f"\n{table(HEADS_OF_PROPERTIES, [each.row for each in result.judgements])}", flush=True)
     for message in result.messages:

@@ -20,17 +20,17 @@ from fame.cli.arguments import (
     add_from_room,
     add_key,
     add_library,
+    add_properties,
     command,
     positive,
     private_key,
     register_types,
     whole,
 )
-from fame.cli.judging import add_properties, live_judge
 from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
-from fame.rooms import MONITOR_INPUTS, MONITOR_ON_PAGE, load
+from fame.rooms import JUDGE_FOR, MONITOR_INPUTS, MONITOR_ON_PAGE, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -197,7 +197,9 @@ def _team(arguments: Namespace) -> int:
         raise ConfigError("--change needs --control --allow deploy")
     if arguments.change is not None and not arguments.change.is_file():
         raise ConfigError("cannot be read: no such file", file=str(arguments.change))
-    key, judging = private_key(arguments), live_judge(arguments, note)
+    key, judging = private_key(arguments), None
+    if arguments.properties is not None:
+        judging = load(JUDGE_FOR)(arguments, note)
     with ExitStack() as served:
 
         def build(scheduler: WallScheduler, middleware: Middleware) -> TeamView:

@@ -7,7 +7,7 @@
     vocabulary  the robots, elements, topics and variables of a collaboration, which sentences name
     monitor     compile a property: a `Monitor`, whose state is plain data
     conditions  values and comparisons
-    judge       many monitors, fed with the events and values of a run
+    judge       many monitors, fed with the events and values of a run; judgement: what it says
     files       properties in YAML files; diagram: deadlines in models
 
 Every host (a run, a replay or an exploration) uses it like this::
@@ -21,16 +21,6 @@ Every host (a run, a replay or an exploration) uses it like this::
 or gives everything to a `Judge`, which finds the monitors that an event concerns and says what broke them.
 """
 
-from typing import TYPE_CHECKING
-
 from fame.imports import attach
 
-if TYPE_CHECKING:
-    from fame.properties.files import read_properties as read_properties
-    from fame.properties.grammar import parse as parse
-    from fame.properties.judge import Judge as Judge, Judgement as Judgement
-    from fame.properties.monitor import Monitor as Monitor, Verdict as Verdict, compile as compile
-    from fame.properties.sentence import Location as Location, Property as Property
-    from fame.properties.vocabulary import Vocabulary as Vocabulary, vocabulary_of as vocabulary_of
-else:
-    __getattr__, __dir__, __all__ = attach(__name__)
+__getattr__, __dir__, __all__ = attach(__name__)

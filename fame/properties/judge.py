@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from fame.errors import NOT_KNOWN
 from fame.properties.conditions import STALE, RobotPosition, ValueSource, pose_of
+from fame.properties.judgement import Judgement
 from fame.properties.monitor import (
     OPEN,
     SECOND,
@@ -24,14 +24,11 @@ from fame.properties.monitor import (
     Part,
     PartState,
     Verdict,
-    VerdictWord,
 )
 
 if TYPE_CHECKING:
     from fame.engine.state import Trail
 
-HEADS = ("property", "verdict", "slack", "why")
-"""Columns of a table of judgements (`Judgement.row`)."""
 _PLAIN = frozenset((RobotPosition, float, int, str))
 """Types of values that are compared before anything else is done."""
 _FOREVER = 1 << 62
@@ -43,53 +40,6 @@ _Thrown = list[Any]
 _NO_MESSAGE: _Thrown = [None]
 _Place = tuple[int, int]
 """The number of a monitor, and that of one of its parts."""
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """A verdict about a property. `slack` is in s, or in the unit of its condition; `time` in s as in `Verdict`.
-
-    `text` says why; `robots` are those of its pools that it is about, `began` (s) when what was violated or is pending
-    began; `elements` are (robot, id) of the events that broke it.
-    """
-
-    name: str
-    sentence: str
-    verdict: VerdictWord
-    slack: float | None = None
-    time: float | None = None
-    text: str = ""
-    robots: tuple[str, ...] = ()
-    began: float | None = None
-    elements: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def row(self) -> tuple[str, str, str, str]:
-        """Its cells in a table with the columns `HEADS`."""
-        return self.name, self.verdict, "" if self.slack is None else f"{self.slack:.3g}", self.text
-
-    def __str__(self) -> str:
-        verb = "" if self.verdict == "holds" else "is "
-        return f"property {self.name} {verb}{self.verdict}: {self.text or self.sentence}"
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "property": self.name,
-            "sentence": self.sentence,
-            "verdict": self.verdict,
-            "slack": self.slack,
-            "time": self.time,
-            "text": self.text,
-            "robots": list(self.robots),
-            "began": self.began,
-            "elements": [list(each) for each in self.elements],
-        }
-
-
-def exit_code(judgements: Iterable[Judgement]) -> int:
-    """Return the exit code of a command: 1 if a property is violated, 3 if one is pending or not known, else 0."""
-    words = {each.verdict for each in judgements}
-    return 1 if "violated" in words else NOT_KNOWN if words & {"pending", "not known"} else 0
 
 
 class Judge:

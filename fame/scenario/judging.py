@@ -14,16 +14,18 @@ from fame.engine.data import own_copy
 from fame.engine.state import Instance, Trail
 from fame.errors import MessageError
 from fame.log.channels import PROPERTIES
+from fame.log.judge import reads
+from fame.log.property_watch import Alarm
 from fame.log.team_state import Put
 from fame.middleware import messages
-from fame.middleware.interface import ENGINE
+from fame.middleware.interface import ENGINE, TopicInfo
 from fame.properties.conditions import RobotPosition, ValueSource, field_of
-from fame.properties.judge import ABSENT, Judge, Judgement
+from fame.properties.judge import ABSENT, Judge
+from fame.properties.judgement import Judgement
 from fame.properties.monitor import Monitor, compile
 from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
 from fame.robot.events import Event, Observer
 from fame.robot.services import RunningService, ServiceContext
-from fame.rooms import ALARM, load
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -53,6 +55,12 @@ def _variables(definitions: Definitions, plan: Plan) -> dict[str, frozenset[str]
     }
     found = {robot: known[pool.process.id] for robot, pool in plan.cast.items()}
     return {robot: names for robot, names in found.items() if names is not None}
+
+
+def topics_read(plan: Plan) -> Callable[[TopicInfo], bool]:
+    """Return what says whether the properties of a scenario read a topic. Raises as `team_vocabulary`."""
+    vocabulary = team_vocabulary(plan)
+    return partial(reads, Judge([compile(each, vocabulary) for each in plan.properties]))
 
 
 class RunJudge(Observer):
@@ -224,7 +232,7 @@ class RunWatches(Observer):
     def start(
         self, middleware: LocalMiddleware, world: World | None, context: ServiceContext, variables: Mapping[str, Any]
     ) -> RunningService:
-        alarm = load(ALARM)(context, variables)
+        alarm = Alarm(context, variables)
         plan = replace(self._plan, properties=(alarm.property,))
 
         def throw(judgement: Judgement) -> None:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fame.properties.judge import Judgement
+from fame.properties.judgement import Judgement
 
 CampaignRow = Mapping[str, Any]
 VERDICT, SLACK = "property.", "slack."

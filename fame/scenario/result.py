@@ -20,7 +20,7 @@ from fame.robot.waiting_tokens import A_PERSON
 if TYPE_CHECKING:
     from fame.bpmn.pools import Pool
     from fame.deploy import Report
-    from fame.properties.judge import Judgement
+    from fame.properties.judgement import Judgement
     from fame.robot import RobotNode
 
 
@@ -119,7 +119,7 @@ class Result:
         own = {"completed": 0, "interrupted": 130}.get(self.status, 1)
         if not self.judgements:
             return own
-        from fame.properties.judge import exit_code
+        from fame.properties.judgement import exit_code
 
         cut = {"completed": {"violated", "pending"}, "timeout": {"violated", "pending"}, "interrupted": {"violated"}}
         if cut.get(self.status, set()) & {each.verdict for each in self.judgements}:

@@ -25,7 +25,7 @@ from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.events import ENDED, Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
 from fame.robot.services import StartService
-from fame.rooms import WATCH
+from fame.rooms import RUN_JUDGE, RUN_WATCHES, WATCH, load
 from fame.scenario.film_captions import Captions
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
 from fame.scenario.process import signals_call
@@ -33,8 +33,9 @@ from fame.scenario.result import Progress, Result, at_rest, mistyped_topics, nev
 from fame.scripting import heartbeat
 
 if TYPE_CHECKING:
-    from fame.properties.judge import Judgement
-    from fame.scenario.judging import RunJudge, RunWatches
+    from fame.log.team_state import Put
+    from fame.properties import Monitor
+    from fame.properties.judgement import Judgement
     from fame.scenario.plan import Plan
     from sim2d.world import World
 
@@ -50,6 +51,18 @@ class Pace(Protocol):
 
     def advance(self, run: Run, until: int) -> None:
         """Run the scheduler until `until` (ns), or less. Called until the run is over."""
+
+
+class RunJudging(Protocol):
+    """Judges the properties of a run, which it observes: a `fame.scenario.judging.RunJudge`."""
+
+    judge: Any
+
+    def begin(self, middleware: LocalMiddleware, world: World | None) -> None: ...
+    def record(self, put: Put) -> None: ...
+    def never_judged(self) -> Iterator[tuple[Monitor, str]]: ...
+    def judgements(self, *, complete: bool = False) -> list[Judgement]: ...
+    def finish(self, time: int, *, complete: bool) -> list[Judgement]: ...
 
 
 class Run:
@@ -89,14 +102,13 @@ class Run:
         self.captions: Captions | None = Captions(scenario.closures(), cast) if progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
-        self.judging: RunJudge | None = None
-        self._watches: RunWatches | None = None
-        if (watches := _watches_properties(scenario)) or scenario.properties:
-            from fame.scenario.judging import RunJudge, RunWatches
-
-            self.judging = RunJudge(scenario, self._on_violation) if scenario.properties else None
-            self._watches = RunWatches(scenario) if watches else None
-        observers = [each for each in (captions, self.judging, self._watches, observer) if each is not None]
+        self.judging: RunJudging | None = None
+        self._watches: Any = None  # a `fame.scenario.judging.RunWatches`
+        if scenario.properties:
+            self.judging = load(RUN_JUDGE)(scenario, self._on_violation)
+        if _watches_properties(scenario):
+            self._watches = load(RUN_WATCHES)(scenario)
+        observers: list[Any] = [each for each in (captions, self.judging, self._watches, observer) if each is not None]
         self.observer: Observer | None = combine_observers(observers)
         self.dead: set[str] = set()
         self._outside, self._published = self.middleware.node("outside"), 0

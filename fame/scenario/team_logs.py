@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
@@ -19,8 +18,8 @@ from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.log.writing import RECORDING, new_file
 from fame.middleware.interface import Middleware
-from fame.properties import Judge, Judgement, Vocabulary, compile
-from fame.rooms import READS_TOPIC, load
+from fame.properties import Judgement
+from fame.rooms import TOPICS_READ, load
 from fame.text import wrong_ending
 
 if TYPE_CHECKING:
@@ -52,16 +51,10 @@ class TeamLogs:
 
     def recorder(self, middleware: Middleware, scheduler: Scheduler) -> TeamRecorder:
         """Return the node that records the team."""
-        from fame.scenario.judging import team_vocabulary
-
-        made = self._scenario.properties
-        team = team_vocabulary(self._scenario) if made else Vocabulary({})
         options = TeamRecorderOptions(
             robots=frozenset(self._scenario.cast),
             topics=self._topics,
-            also=partial(load(READS_TOPIC), Judge([compile(each, team) for each in made]))
-            if made
-            else lambda info: False,
+            also=load(TOPICS_READ)(self._scenario) if self._scenario.properties else lambda info: False,
             metadata=self._about.metadata,
             models=False,
         )

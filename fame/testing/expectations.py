@@ -12,7 +12,7 @@ from fame.testing.failure import ExpectationError, failure
 from fame.testing.trace import TraceStep
 
 if TYPE_CHECKING:
-    from fame.properties.judge import Judgement
+    from fame.properties.judgement import Judgement
     from fame.testing.mission import MissionUnderTest
 
 
