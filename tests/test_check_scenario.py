@@ -96,6 +96,40 @@ def test_topics_that_a_robot_of_the_world_does_not_have_are_told(
     assert [text[: len(each)] for text, each in zip(texts, told, strict=True)] == told
 
 
+FORM = (
+    '<userTask id="ask"><extensionElements><camunda:formData><camunda:formField id="bags" type="long"/>'
+    "</camunda:formData></extensionElements></userTask>"
+)
+IN_VAIN = {
+    "complete: [{at: 1, robot: REX, element: ask, values: {bgs: 2}}]": (
+        "the form of ask has no field 'bgs'; did you mean 'bags'?"
+    ),
+    "duration: 9\ncomplete: [{at: 10, robot: REX, element: ask}]": (
+        "ask of REX is completed at 10 s, which is after the end of the run (9 s)"
+    ),
+    "duration: 9\nsignal: [{at: 9.5, name: done}]": (
+        "/done is published at 9.5 s, which is after the end of the run (9 s)"
+    ),
+    "network: {links: [{topic: /doen, loss: 0.5}]}": (
+        "network: no robot uses the topic /doen; did you mean '/done'?"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("says", "told"), IN_VAIN.items())
+def test_what_it_says_in_vain_is_a_warning(
+    says: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, lines = found(tmp_path, capsys, f"{GOOD}{says}\n", row(FORM, catch("a", "done")))
+    assert f"s.yaml: warning: {told}" in lines
+
+
+def test_what_it_publishes_is_published(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content, lonely = row(catch("a", "done"), catch("b", "found")), "m.bpmn throws it"
+    _, lines = found(tmp_path, capsys, f"{GOOD}signal: [{{at: 1, name: done}}]\n", content)
+    assert len([line for line in lines if line.endswith(lonely)]) == 1, lines
+
+
 @pytest.mark.parametrize("given", ["speed: 1", "REX: {speed: 1}"])
 def test_a_variable_that_it_sets_is_set(given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content, wanted = row(script("log(speed + pace)")), "reads `pace`, which nothing sets"

@@ -6,7 +6,7 @@ to `CHECKS`; `docs/check_errors.md` and `docs/check_warnings.md` list every find
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -77,13 +77,15 @@ def check(
     guidelines: bool = False,
     team: Sequence[Definitions] = (),
     given: Mapping[str, frozenset[str]] = MappingProxyType({}),
+    outside: Collection[str] = (),
 ) -> list[Finding]:
     """Return all findings about a file in the order of its lines, then those about the files that it calls.
 
     `definitions` is a model or its path. Called processes are searched for in `library`. `strict`: a payload that
     reads a variable that nothing sets is an error. `guidelines`: deviations from the modelling guidelines are notes.
     `team`: all files of the mission, this one included (see `parts_of_one_mission`), where the other ends of topics
-    may be. `given`: the variables that each process (id) starts with.
+    may be. `given`: the variables that each process (id) starts with. `outside`: the topics on which somebody else
+    publishes.
 
     Checks of other packages (entry points in the group `GROUP`) are run too.
 
@@ -94,7 +96,7 @@ def check(
     definitions = read(definitions)
     expect(library is None or isinstance(library, Library), "library", library, 'a Library("folder")')
     scope = find_scope(definitions, library or Library(), team=team, strict=strict)
-    scope.given = given
+    scope.given, scope.outside = given, frozenset(outside)
     found = [finding for one in (*CHECKS, *[check_guidelines] * guidelines) for finding in one(scope)]
     found += [finding for name, place in registered(GROUP).items() for finding in _added(name, place, definitions)]
     return arranged(map(scope.named, _relevant(scope, found)), scope.files)

@@ -121,6 +121,7 @@ class CheckScope:
     strict         a payload that reads a variable nothing sets is an error
     remote_types   the processes run elsewhere, where other message types may be known
     given          variables that a scenario sets when a process starts, by its id
+    outside        topics on which a scenario publishes
     """
 
     definitions: Definitions
@@ -134,6 +135,7 @@ class CheckScope:
     strict: bool = False
     remote_types: bool = False
     given: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    outside: frozenset[str] = frozenset()
 
     def has_pool(self, process: CheckedProcess) -> bool:
         return process.definitions is self.definitions and process.bpmn.id in self.pools

@@ -164,7 +164,7 @@ def check_topic_partners(scope: CheckScope) -> Iterator[Finding]:
     for name, ends in public.items():
         throws, catches = [end for end in ends if end.throws], [end for end in ends if not end.throws]
         drawn = next((end for end in ends if end.topic is not None and end.process in scope.processes), None)
-        if drawn is None or (throws and catches):
+        if drawn is None or (catches and (throws or name in scope.outside)):
             continue
         does, other = ("throws", "catches") if throws else ("waits for", "throws")
         text = f"{does} {name}, but nothing in {where} {other} it{_similar(name, ends, public)}"

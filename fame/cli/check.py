@@ -93,7 +93,7 @@ def run(arguments: Namespace) -> int:
         if file.model is not None:
             team = teams[id(file.model)]
             options = {"strict": arguments.strict, "guidelines": arguments.guidelines, "given": file.given}
-            file.found += check(file.model, library=file.library, team=team, **options)
+            file.found += check(file.model, library=file.library, team=team, outside=file.outside, **options)
         if file.scenario is not None and not _failed(file.found):
             from fame.scenario.scenario import scenario_findings
 
@@ -172,12 +172,13 @@ def _failed(found: Iterable[Finding]) -> bool:
 class _File:
     """A file that is checked: its model if it can be read, and the scenario that names it if there is one.
 
-    `given`: the variables that the scenario sets for each process (id)."""
+    `given`: the variables that the scenario sets for each process (id). `outside`: the topics on which it publishes."""
 
     library: Library
     model: Definitions | None = None
     scenario: Path | None = None
     given: dict[str, frozenset[str]] = field(default_factory=dict)
+    outside: Sequence[str] = ()
     found: list[Finding] = field(default_factory=list)
 
 
@@ -203,6 +204,7 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
             scenario_plan = read_scenario(path)
             file.scenario, file.library = path, Library([*folders, *scenario_plan.library])
             file.model = read(scenario_plan.model)
+            file.outside = [signal.topic for signal, _ in scenario_plan.signals]
             file.given = {
                 pool.process.id: frozenset(
                     name

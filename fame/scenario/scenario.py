@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -13,8 +14,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.linked_forms import unfit_values
-from fame.bpmn.model import CallActivity, Definitions, FlowNode
+from fame.bpmn.linked_forms import form_of, unfit_values
+from fame.bpmn.model import CallActivity, Definitions, FlowNode, Task
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, of_error
 from fame.config.values import Source
@@ -359,7 +360,7 @@ def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool 
         run = Run(Scenario.load(path, library=library), False, None, None, strict=strict)
         never = list(run.judging.never_judged()) if run.judging is not None else []
         unmatched = [Finding("warning", text, str(path)) for text in _unmatched_topics(run)]
-        unmatched += _unreachable_goals(run)
+        unmatched += [*_unreachable_goals(run), *_without_effect(run, str(path))]
         run.close()
     except (ConfigError, ModelError) as error:
         return [of_error(error)]
@@ -388,6 +389,30 @@ def _unmatched_topics(run: Run) -> Iterator[str]:
             if not info.publishers and engine in info.subscribers:
                 yield f"{node.name} waits for {info.name}, which nothing here publishes; there are: {there}"
         yield from (f"{node.name} {text}" for end, text in mistyped_topics(own.values(), 0.6) if end == engine)
+
+
+def _without_effect(run: Run, file: str) -> Iterator[Finding]:
+    """Find what a scenario says in vain: after its end, on topics that no robot uses, in fields that a form lacks."""
+    scenario, network = run.scenario, run.scenario.network
+    says = [(f"{one.element} of {one.robot} is completed", one.time) for one in scenario.completions]
+    for what, time in (*says, *((f"{one.topic} is published", one.time) for one in scenario.signals)):
+        if time > (scenario.duration or math.inf):
+            text = f"{what} at {time:g} s, which is after the end of the run ({scenario.duration:g} s)"
+            yield Finding("warning", text, file)
+    topics = sorted(info.name for info in run.middleware.graph() if "/bpmn_" not in info.name)
+    for link in network.links if network is not None else ():
+        if link.topic and link.topic not in topics:
+            text = f"network: no robot uses the topic {link.topic}; {suggestion(link.topic, topics)}"
+            yield Finding("warning", text, file)
+    for done in scenario.completions:
+        (node,) = (one for one in run.nodes if one.name == done.robot)
+        tasks = ((home, task) for home, process in node.mission.processes() for task in process.body.walk())
+        for home, task in tasks:
+            form = form_of(home, task.human) if task.id == done.element and isinstance(task, Task) else ()
+            fields = [field.key for field in form if field.key]
+            for name in [name for name in done.values if fields and name not in fields]:
+                text = f"the form of {task.display_name} has no field {name!r}; {suggestion(name, fields)}"
+                yield Finding("warning", text, file)
 
 
 def _unreachable_goals(run: Run) -> Iterator[Finding]:
