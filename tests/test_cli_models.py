@@ -158,7 +158,7 @@ def test_a_recording_is_drawn_as_a_film_or_its_last_frame(tmp_path: Path, capsys
         (["-o", "x.png", "--log", "run.jsonl"], "x.png: is made of a recording: expected RUN.mcap"),
         (["-o", "x.gif", MISSION, "--log", "run.mcap"], "x.gif: is made of a recording: expected RUN.mcap"),
         (["-o", "x.gif", "--log", "gone.mcap"], "gone.mcap: cannot be read"),
-        (["-o", "x.gif", "--log", "alone.mcap"], "alone.mcap: has no simulated world to draw"),
+        (["-o", "x.gif", "--log", "alone.mcap"], "alone.mcap: has neither a drawn diagram nor a simulated world"),
         (["-o", "x.svg"], "x.svg: expected a model to draw"),
     ],
 )
