@@ -156,9 +156,14 @@ def _bag_file(path: Path, stack: ExitStack, compression: str) -> _Storage:
 @contextmanager
 def _bounded_values() -> Iterator[None]:
     """Bound a value of the databases that this block opens: a generated column may state one of any size."""
-    import apsw
+    from rosbags.rosbag2 import storage_sqlite3
 
-    def bound(connection: apsw.Connection) -> None:
+    apsw: Any = getattr(storage_sqlite3, "apsw", None)
+    if apsw is None:  # releases of rosbags that read SQLite with Python's own module
+        yield
+        return
+
+    def bound(connection: Any) -> None:
         connection.limit(apsw.SQLITE_LIMIT_LENGTH, CHUNK_LIMIT)
 
     apsw.connection_hooks.append(bound)
