@@ -37,15 +37,24 @@ BOUNDARY = (
     '<boundaryEvent id="o" attachedToRef="a" cancelActivity="{0}"><timerEventDefinition><timeDuration>PT1S'
     "</timeDuration></timerEventDefinition></boundaryEvent>{1}" + flows("o b")
 )
+OWN = row(script("y = 3", "i"), PAUSE.replace('"w"', '"v"'), script("print(y)", "k"), mark="p")
 LEFT, RIGHT = going("a", "left"), going("b", "right")
 WARNINGS = {
-    "two calls at once": (GOALS + forked(LEFT, RIGHT), AT_ONCE),
+    "two calls at once that share variables": (GOALS + forked(LEFT, RIGHT), AT_ONCE),
     "one in a sub-process": (GOALS + forked(LEFT, f'<subProcess id="p">{RIGHT}</subProcess>', "p"), AT_ONCE),
     "one beside the other's boundary event": (GOALS + row(LEFT) + BOUNDARY.format("false", RIGHT), AT_ONCE),
     "one in a handler": (GOALS + row(LEFT) + HANDLER.format("false", RIGHT), AT_ONCE),
-    "instances": (
+    "instances of a call, at once": (
         row(script("x_goal = 0", "before"), going("a", inside=ITEMS.format(""))),
-        "a: its instances run at the same time and all set `x_goal`, which is set before: give the call a mapping",
+        "a: its instances run at the same time and all set `x_goal`, which is set before: give it a mapping",
+    ),
+    "instances of a sub-process, at once": (
+        row(script("y = 0", "before"), f'<subProcess id="a">{ITEMS.format("")}{OWN}</subProcess>'),
+        "a: its instances run at the same time and all set `y`, which is set before: give it a mapping",
+    ),
+    "instances of what a data object gives": (
+        data("one", y="5.0") + row(going("a", "one", ITEMS.format(""))),
+        "a: its instances run at the same time and all set `y`, which is set before: give it a mapping",
     ),
 }  # fmt: skip
 
@@ -56,7 +65,8 @@ SETS = Q.replace("print(x_goal)", "x_goal = 1\nawait sleep(1)\nprint(x_goal)")
 @pytest.mark.parametrize("name", WARNINGS)
 def test_calls_that_change_what_another_one_needs_at_the_same_time_are_a_warning(name: str) -> None:
     content, expected = WARNINGS[name]
-    assert found(content, SETS if name == "instances" else Q) == [expected]
+    callee = {"instances of a call, at once": SETS, "instances of what a data object gives": OWN}.get(name, Q)
+    assert found(content, callee) == [expected]
 
 
 COUNTS = row(script("n = n + 1\nawait sleep(1)\nprint(n)"), mark="q")
@@ -78,6 +88,8 @@ MAPPED = '<extensionElements><camunda:in source="{0}" target="x_goal"/></extensi
         (forked(going("a", inside=MAPPED.format("x")), going("b", inside=MAPPED.format("y"))), SETS),
         (row(script("x_goal = 0", "before"), going("a", inside=ITEMS.format(' isSequential="true"'))), SETS),
         (row(going("a", inside=ITEMS.format(""))), SETS),  # each instance has its own
+        (row(f'<subProcess id="a">{ITEMS.format("")}{OWN}</subProcess>'), Q),
+        (data("one", x_goal="5.0") + row(going("a", "one", ITEMS.format(""))), Q),  # it is set once for all
     ],
 )
 def test_calls_that_do_not_disturb_each_other_are_none(content: str, callee: str) -> None:

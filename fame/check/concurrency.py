@@ -27,19 +27,28 @@ _SHOWN = 3
 
 @dataclass(slots=True)
 class _CallUse:
-    """What a call does with the variables of its caller.
+    """What a call, or a sub-process, does with the variables around it.
 
-    anew  name -> what it is set to: a constant or expression of a data object; empty: something else
-    kept  names that are read in another step than they are set
+    given  name -> what its data objects set it to as it starts
+    anew   name -> what it is set to inside: a constant or expression of a data object; empty: something else
+    kept   names that are read in another step than they are set
     """
 
+    given: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     anew: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     kept: set[str] = field(default_factory=set)
 
     def clashes(self, other: _CallUse) -> set[str]:
         """Return the variables of this call that the other one changes while it still needs them."""
-        both = (name for name in self.anew.keys() & other.anew.keys() if name in self.kept)
-        return {name for name in both if len(self.anew[name] | other.anew[name]) > 1 or "" in self.anew[name]}
+        both = (name for name in self.sets() & other.sets() if name in self.kept)
+        return {name for name in both if len(found := self._values(name) | other._values(name)) > 1 or "" in found}
+
+    def sets(self) -> Set[str]:
+        """Return the names that it sets."""
+        return self.given.keys() | self.anew.keys()
+
+    def _values(self, name: str) -> set[str]:
+        return self.given.get(name, set()) | self.anew.get(name, set())
 
 
 _UseOf = Callable[[str], _CallUse]
@@ -47,14 +56,15 @@ _UseOf = Callable[[str], _CallUse]
 
 
 def check_shared_variables(scope: CheckScope) -> Iterator[Finding]:
-    """Find calls without a mapping that may be in progress at the same time and set the same variables."""
+    """Find calls without a mapping that may be in progress at the same time and set the same variables; also the
+    instances of a parallel multi-instance activity."""
     for process in scope.processes:
         calls = {call.id for call, callee in process.calls if callee is not None and call.io is None}
-        if calls:
-            use = cache(partial(_use, process))
-            for graph in map(graph_of, process.bodies()):
+        use = cache(partial(_use, process))
+        for graph in map(graph_of, process.bodies()):
+            if calls:
                 yield from _pairs_in(process, graph, calls, use)
-                yield from _instances_in(process, graph, calls, use)
+            yield from _instances_in(process, graph, calls, use)
 
 
 def _pairs_in(process: CheckedProcess, graph: FlowGraph, sharing: Set[str], use: _UseOf) -> Iterator[Finding]:
@@ -70,13 +80,14 @@ def _pairs_in(process: CheckedProcess, graph: FlowGraph, sharing: Set[str], use:
 
 def _instances_in(process: CheckedProcess, graph: FlowGraph, sharing: Set[str], use: _UseOf) -> Iterator[Finding]:
     for node in graph.body.nodes:
-        if node.id in sharing and _is_parallel(node):
-            names = use(node.id).anew.keys() & use(node.id).kept
-            before = (graph.nodes[id] for id in graph.before(node.id)) if names else ()
-            names &= {name for other in before for name in _sets(process, other, sharing, use)}
-            if names:
-                text = f"its instances run at the same time and all set {_listed(names)}, which is set before"
-                yield process.finding("warning", f"{text}: give the call a mapping", node)
+        if not _is_parallel(node) or not (node.id in sharing or (isinstance(node, SubProcess) and node.io is None)):
+            continue
+        names = use(node.id).anew.keys() & use(node.id).kept - set(node.sets())
+        before = (graph.nodes[id] for id in graph.before(node.id)) if names else ()
+        names &= use(node.id).given.keys() | {name for other in before for name in _sets(other, sharing, use)}
+        if names:
+            text = f"its instances run at the same time and all set {_listed(names)}, which is set before"
+            yield process.finding("warning", f"{text}: give it a mapping", node)
 
 
 def _listed(names: Set[str]) -> str:
@@ -132,33 +143,42 @@ def _interrupts(body: Body) -> bool:
 
 
 def _use(process: CheckedProcess, id: str) -> _CallUse:
-    """The use of the caller's variables by a call: its data objects, and all that it calls without a mapping."""
-    use = _CallUse()
-    call, callee = next(pair for pair in process.calls if pair[0].id == id)
-    assert callee is not None
+    """The use of the variables around it by a call or sub-process, with all that it calls without a mapping."""
+    use, assigned = _CallUse(), assigned_objects(process)
+    node = next(node for node in process.nodes() if node.id == id)
     for body in process.bodies():
-        _note_objects(use, body, set(call.data_inputs))
-    for member in sharing(callee):
-        assigned = assigned_objects(member)
-        for body in member.bodies():
-            _note_objects(use, body, assigned)
-            for node in body.nodes:
-                for name in {item.target for item in (*node.copies_in, *node.copies_out)}:
-                    use.anew[name].add("")
-            for text in expressions_in(body):
-                script = text.use == "script"
-                for name in _anew(text.expression, text.reads, text.writes) if script else ():
-                    use.anew[name].add("")
-                suspends = script and "await" in text.expression.text
-                use.kept |= text.reads if suspends else text.reads - text.writes
+        _note_objects(use.given, body, set(node.data_inputs))
+    if isinstance(node, SubProcess):
+        for body in node.body.bodies():
+            _note(use, body, assigned)
+    inside = {inner.id for inner in node.body.walk()} if isinstance(node, SubProcess) else {id}
+    for call, callee in process.calls:
+        if call.id in inside and callee is not None and call.io is None:
+            for member in sharing(callee):
+                for body in member.bodies():
+                    _note(use, body, assigned_objects(member))
     return use
 
 
-def _note_objects(use: _CallUse, body: Body, assigned: Set[str]) -> None:
+def _note(use: _CallUse, body: Body, assigned: Set[str]) -> None:
+    """Add what the elements of a body do."""
+    _note_objects(use.anew, body, assigned)
+    for node in body.nodes:
+        for name in {item.target for item in (*node.copies_in, *node.copies_out)}:
+            use.anew[name].add("")
+    for text in expressions_in(body):
+        script = text.use == "script"
+        for name in _anew(text.expression, text.reads, text.writes) if script else ():
+            use.anew[name].add("")
+        suspends = script and "await" in text.expression.text
+        use.kept |= text.reads if suspends else text.reads - text.writes
+
+
+def _note_objects(noted: dict[str, set[str]], body: Body, assigned: Set[str]) -> None:
     for item in body.data_objects:
         for name, value in item.values if item.id in assigned else ():
             if sets_something(name, value):
-                use.anew[name].add(value.text.strip())
+                noted[name].add(value.text.strip())
 
 
 def _anew(script: Expression, reads: Set[str], writes: Set[str]) -> Set[str]:
@@ -175,8 +195,8 @@ def _anew(script: Expression, reads: Set[str], writes: Set[str]) -> Set[str]:
     return found & writes
 
 
-def _sets(process: CheckedProcess, node: FlowNode, sharing: Set[str], use: _UseOf) -> Set[str]:
+def _sets(node: FlowNode, sharing: Set[str], use: _UseOf) -> Set[str]:
     """The variables that an element sets, by its script or its call."""
     if node.id in sharing:
-        return use(node.id).anew.keys()
+        return use(node.id).sets()
     return {*node.sets(), *(names_of(node.script, script=True)[1] if node.script is not None else ())}
