@@ -22,7 +22,7 @@ from fame.log.reading import run_outcomes
 from fame.log.recording import RecordedMessage
 from fame.properties import parse
 from fame.properties.files import read_properties
-from fame.properties.judge import ABSENT
+from fame.properties.judgement import ABSENT
 from fame.scenario import Scenario
 from fame.scenario.judging import team_vocabulary
 from fame.testing import ExpectationError, MissionLoader

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from fame.properties.conditions import STALE, RobotPosition, ValueSource, pose_of
-from fame.properties.judgement import Judgement
+from fame.properties.judgement import ABSENT, SEVERAL, Judgement
 from fame.properties.monitor import (
     OPEN,
     SECOND,
@@ -33,8 +33,6 @@ _PLAIN = frozenset((RobotPosition, float, int, str))
 """Types of values that are compared before anything else is done."""
 _FOREVER = 1 << 62
 """The doubt (ns) of a clock that was not measured."""
-ABSENT = "no robot that it names takes part"
-SEVERAL = "several started before one ended, and nobody knows which of them did"
 _Thrown = list[Any]
 """The messages of which an event has thrown one."""
 _NO_MESSAGE: _Thrown = [None]

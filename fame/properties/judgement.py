@@ -11,6 +11,8 @@ from fame.properties.monitor import VerdictWord
 
 HEADS = ("property", "verdict", "slack", "why")
 """Columns of a table of judgements (`Judgement.row`)."""
+ABSENT = "no robot that it names takes part"
+SEVERAL = "several started before one ended, and nobody knows which of them did"
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,8 @@ from fame.log.team_state import Put
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, TopicInfo
 from fame.properties.conditions import RobotPosition, ValueSource, field_of
-from fame.properties.judge import ABSENT, Judge
-from fame.properties.judgement import Judgement
+from fame.properties.judge import Judge
+from fame.properties.judgement import ABSENT, Judgement
 from fame.properties.monitor import Monitor, compile
 from fame.properties.vocabulary import CheckField, Vocabulary, vocabulary_of
 from fame.robot.events import Event, Observer

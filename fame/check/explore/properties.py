@@ -26,7 +26,7 @@ from fame.check.explore.transitions import THROWN
 from fame.check.explore.values import holds_unknown
 from fame.properties import Monitor, Verdict
 from fame.properties.conditions import LastValues, ValueSource, subjects
-from fame.properties.judge import ABSENT, SEVERAL
+from fame.properties.judgement import ABSENT, SEVERAL
 from fame.properties.monitor import OPEN, UNKNOWN, Happening, Part, PartState, State
 
 Proof = Literal["proved", "not triggered", "refuted", "not known"]
