@@ -31,6 +31,10 @@ from fame.monitor.pipeline.train import Training
 from fame.rooms import COMMANDS
 from fame.scenario import plan, variation
 from fame.scenario.settings import NETWORK_KEYS
+from fame.scripting.feel.functions.collections import COLLECTIONS, CONTEXTS
+from fame.scripting.feel.functions.dates import MOMENTS
+from fame.scripting.feel.functions.numbers import NUMBERS, RANGES
+from fame.scripting.feel.functions.strings import TEXTS
 from sim2d import config
 from sim2d.robot import BUILT_IN, robot_class
 from sim2d.world import World
@@ -206,6 +210,20 @@ def prose(docstring: str) -> Iterator[str]:
             yield from (escaped(re.sub(r"``(.+?)``", r"`\1`", part)).replace("::", ":"), "")
 
 
+# ---- functions of FEEL -----------------------------------------------------------------------------------------------
+
+
+def feel() -> Iterator[str]:
+    """The signatures of the functions, by what they are for."""
+    groups = {
+        "Numbers": NUMBERS, "Strings": TEXTS, "Lists": COLLECTIONS, "Contexts and null": CONTEXTS,
+        "Dates and times": MOMENTS, "Ranges": RANGES,
+    }  # fmt: skip
+    for title, functions in groups.items():
+        calls = (f"`{name}{each}`" for name, several in functions.items() for each in several)
+        yield from ("", f"**{title}:** {', '.join(dict.fromkeys(calls))}")
+
+
 # ---- findings of checks ----------------------------------------------------------------------------------------------
 
 CASES = {
@@ -310,6 +328,7 @@ GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {
     "commands": commands,
     "errors": partial(findings, "errors"),
     "warnings": partial(findings, "warnings"),
+    "feel": feel,
     "keys": keys,
     "properties": properties,
     "python": api,
