@@ -17,8 +17,9 @@ from fame.cli import main
 from fame.clock import SECOND
 from fame.deploy import STRING
 from fame.deploy.requests import TaskRequest
-from fame.log import Recording
+from fame.log import Recording, team_recorder
 from fame.log.channels import PROPERTIES
+from fame.log.clocks import DAY
 from fame.log.judge import BATTERY, judge_log
 from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import RecordingFile
@@ -119,6 +120,20 @@ def test_a_team_is_judged_while_it_runs(judged: Judged) -> None:
     assert judged.verdicts() == WORDS
     close = next(each for each in judged.judging.judgements if each.name == "close")
     assert close.text.startswith("a bound is within the doubt of the clocks (0.0")
+
+
+def test_clocks_of_another_date_are_compared_with_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a run in processes without a world: it begins in 1970."""
+    monkeypatch.setattr(Judged, "_tick", lambda judged: None)
+    judged = Judged(tmp_path / "run.mcap", SENTENCES, team(TEAM))
+    monkeypatch.setattr(team_recorder, "now_since", lambda epoch: judged.field.scheduler.now + 20_000 * DAY)
+    judged.deploy("A", "B")
+    judged.field.run(5)
+    assert judged.verdicts() == {**WORDS, "close": "holds"}
+    with Recording(judged.path) as recording:
+        times = [message.time for message in recording.messages(["/go", "/done"])]
+        assert (len(times), recording.duration < 10) == (2, True)
+    judged.close()
 
 
 def test_the_battery_that_a_property_reads_is_recorded_although_no_model_names_its_topic(tmp_path: Path) -> None:

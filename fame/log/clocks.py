@@ -25,6 +25,8 @@ from fame.text import read_json
 
 _SOON, _PERIOD = SECOND // 4, 2 * SECOND
 """Interval of questions before and after the first answer of every robot (ns)."""
+DAY = 86_400 * SECOND
+"""A clock that is as far ahead or behind has another date: `fame run` in processes begins in 1970 (ns)."""
 
 
 class ClockAnswer(NamedTuple):
@@ -89,7 +91,8 @@ class ClockQuestions(Closing):
 class ClockDoubts(Closing):
     """Measures the clocks of a team. `now` is the time of the mission (ns since the epoch of `team`).
 
-    `put` gets the name of a robot and its doubt (ns), at first and whenever that is less.
+    `put` gets the name of a robot and its doubt (ns), at first and whenever that is less. `ahead` (ns): of `now`, the
+    first clock that answered, if it has another date; doubts count from it then.
     """
 
     def __init__(
@@ -102,12 +105,15 @@ class ClockDoubts(Closing):
     ) -> None:
         self._put = put
         self._best: dict[str, int] = {}  # the shortest round trip (ns)
+        self.ahead: int | None = None
         self._questions = ClockQuestions(node, scheduler, lambda: team.robots, now, lambda: team.epoch, self._on_answer)
 
     def _on_answer(self, robot: str, answer: ClockAnswer) -> None:
+        if self.ahead is None:
+            self.ahead = answer.ahead if abs(answer.ahead) > DAY else 0
         if answer.trip < self._best.get(robot, answer.trip + 1):
             self._best[robot] = answer.trip
-            self._put(robot, abs(answer.ahead) + answer.trip // 2)
+            self._put(robot, abs(answer.ahead - self.ahead) + answer.trip // 2)
 
     def close(self) -> None:
         """Ask no more."""

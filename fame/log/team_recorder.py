@@ -13,7 +13,7 @@ from fame.clock import SECOND, Entry, Scheduler, date_text
 from fame.closing import Closing
 from fame.errors import MessageError
 from fame.log.channels import CLOCKS, GROUND, KEY, WORLD
-from fame.log.clocks import ClockDoubts
+from fame.log.clocks import DAY, ClockDoubts
 from fame.log.live_team import DELAY, LiveTeam, now_since
 from fame.log.recorder import LogTopics
 from fame.log.recording import ModelRun
@@ -120,7 +120,7 @@ class TeamRecorder(Closing):
         self._node.subscription(CLOCK, CLOCK_TYPE, self._on_clock, QoS(reliability="best_effort", depth=1))
         self._node.subscription(WORLD_SCENE, STRING, partial(self._on_scene, WORLD))
         self._node.subscription(WORLD_GROUND, STRING, partial(self._on_scene, GROUND), LATCHED)
-        self._clocks = ClockDoubts(self._node, scheduler, self.team, lambda: self.now, self._on_doubt)
+        self._clocks = ClockDoubts(self._node, scheduler, self.team, lambda: self._here, self._on_doubt)
         self._ticking: Entry | None = scheduler.after(_TICK, self._tick) if judging is not None else None
         self._discovery: Entry = scheduler.after(_DISCOVERY, self._discover)
         self._flushing: Entry = scheduler.after(_FLUSH, self._flush)
@@ -133,6 +133,15 @@ class TeamRecorder(Closing):
     @property
     def now(self) -> int:
         """The time of the mission (ns since the team's epoch)."""
+        here, ahead = self._here, self._clocks.ahead
+        if ahead is None:  # no clock has answered yet
+            latest = max(map(self.team.last_end, self.team.robots), default=here)
+            return here if abs(here - latest) < DAY else latest
+        return here + ahead
+
+    @property
+    def _here(self) -> int:
+        """The time of the mission by the clock of this machine, or of the world."""
         return self._clock if self._clock is not None else now_since(self.team.epoch)
 
     def _begin(self) -> Sink:
