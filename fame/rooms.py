@@ -106,23 +106,41 @@ class BuiltInService(NamedTuple):
     required  variables that it needs
     results   variables that it sets when it ends by itself
     packages  what it imports of extras: a mission that lacks one is refused before it moves
+    topics    the place of what gives its topics: (folder, variables) -> `fame.robot.services.ServiceTopic`s, or None
     """
 
     start: str
     required: tuple[str, ...] = ()
     results: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
+    topics: str = ""
 
 
 _LEARNING = ("sklearn", "skops")
 WATCH = "watch_property"
 SERVICES: Mapping[str, BuiltInService] = {
-    "adm_collect": BuiltInService("fame.monitor.services:CollectService", ("output", "label"), ("runs_collected",)),
+    "adm_collect": BuiltInService(
+        "fame.monitor.services:CollectService",
+        ("output", "label"),
+        ("runs_collected",),
+        topics="fame.monitor.services:arm_topics",
+    ),
     "adm_learn": BuiltInService("fame.monitor.services:adm_learn", ("config",), ("classifier",), _LEARNING),
-    "adm_operate": BuiltInService("fame.monitor.services:adm_operate", ("model",), packages=_LEARNING),
-    "process": BuiltInService("fame.monitor.services:process", ("configuration",)),
-    "record": BuiltInService("fame.monitor.services:record", ("configuration", "output")),
-    WATCH: BuiltInService("fame.log.property_watch:PropertyWatch", ("property", "sentence")),
+    "adm_operate": BuiltInService(
+        "fame.monitor.services:adm_operate",
+        ("model",),
+        packages=_LEARNING,
+        topics="fame.monitor.services:operate_topics",
+    ),
+    "process": BuiltInService(
+        "fame.monitor.services:process", ("configuration",), topics="fame.monitor.services:process_topics"
+    ),
+    "record": BuiltInService(
+        "fame.monitor.services:record", ("configuration", "output"), topics="fame.monitor.services:record_topics"
+    ),
+    WATCH: BuiltInService(
+        "fame.log.property_watch:PropertyWatch", ("property", "sentence"), topics="fame.log.property_watch:topics"
+    ),
     "train": BuiltInService("fame.monitor.services:train", ("configuration",), ("model", "thresholds"), _LEARNING),
 }
 """The services of FAME by name; `fame.monitor.services` says what they do."""

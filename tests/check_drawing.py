@@ -80,11 +80,15 @@ def data(id: str, **values: str) -> str:
 
 def reading(id: str, object: str, text: str = "pass") -> str:
     """A script task with an input association."""
-    association = (
+    return f'<scriptTask id="{id}">{given(id, object)}<script>{text}</script></scriptTask>'
+
+
+def given(id: str, object: str) -> str:
+    """The association that gives a data object to an element."""
+    return (
         f'<property id="{id}_p" name="__targetRef_placeholder"/><dataInputAssociation id="{id}-{object}">'
         f"<sourceRef>{object}</sourceRef><targetRef>{id}_p</targetRef></dataInputAssociation>"
     )
-    return f'<scriptTask id="{id}">{association}<script>{text}</script></scriptTask>'
 
 
 def filling(id: str, object: str, text: str) -> str:

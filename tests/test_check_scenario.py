@@ -143,6 +143,17 @@ INPUT = (
 )
 
 
+@pytest.mark.parametrize(("topic", "told"), [("range", False), ("rnage", True)])
+def test_what_a_pipeline_of_the_robot_publishes_is_there(
+    topic: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = "{%s: {Topic: %s, Field: [range], MessageType: sensor_msgs/msg/Range}}"
+    (tmp_path / "unit.yaml").write_text(f"Inputs: {port % ('In', 'near')}\nOutputs: {port % ('Out', topic)}\n")
+    content = data("goal", configuration="unit.yaml") + row(call("c", "ProcessingUnit", INPUT), TOPICS)
+    _, lines = found(tmp_path, capsys, GOOD.replace("car", "drone"), content)
+    assert any("REX waits for /REX/range, which nothing here publishes" in line for line in lines) == told
+
+
 @pytest.mark.parametrize(
     ("x", "where"),
     [("45", "outside the ground (x -0.05 to 4.05 m, y -0.05 to 4.05 m)"), ("2.5", "inside an obstacle"), ("3.5", "")],

@@ -1,5 +1,7 @@
 """What `fame check` warns of, what it only notes, and what it does not blame."""
 
+from pathlib import Path
+
 import pytest
 from bpmn_text import extensions, properties
 from check_drawing import (
@@ -18,6 +20,7 @@ from check_drawing import (
     filling,
     flow,
     flows,
+    given,
     parallel,
     reading,
     row,
@@ -265,6 +268,40 @@ def test_a_signal_that_nobody_catches_is_a_warning_where_the_file_has_all_robots
         "b: waits for /found, but nothing in bad.bpmn throws it",
     ]
     assert told(team(one, row(catch("b"), mark="2"))) == []
+
+
+UNIT = """
+Inputs:
+  In: {Topic: joint_states, Field: [effort], MessageType: sensor_msgs/msg/JointState}
+Outputs:
+  Out: {Topic: /alarm, Field: [data], MessageType: std_msgs/msg/Bool}
+"""
+
+
+@pytest.mark.parametrize(
+    ("unit", "signal", "said"),
+    [
+        (UNIT, "alarm", []),
+        (UNIT, "alram", ["catch: waits for /alram, but nothing in bad.bpmn throws it; did you mean /alarm?"]),
+        (UNIT.replace("/alarm", "alarm"), "alarm", ["catch: waits for /alarm, but nothing in bad.bpmn throws it"]),
+        (UNIT.replace("Bool", "String"), "alarm", ["catch: topic /alarm has type std_msgs/msg/Bool here, but call says"
+         " std_msgs/msg/String: a topic has one type"]),
+        (UNIT.replace("effort", "efort"), "alarm", ["call: does not start: unit.yaml:3: Inputs.In.Field: sensor_msgs/ms"
+         "g/JointState: there is no field efort; it has header, name, position, velocity, effort"]),
+        ("", "alarm", ["call: does not start: there is no configuration unit.yaml in "]),
+    ],
+)  # fmt: skip
+def test_the_topics_of_a_pipeline_are_those_of_its_configuration(
+    unit: str, signal: str, said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if unit:
+        Path("unit.yaml").write_text(unit)
+    watch = data("it", configuration="unit.yaml") + row(call("call", "ProcessingUnit", given("call", "it")))
+    signals = "".join(f'<signal id="S_{name}" name="{name}"/>' for name in ("alarm", "alram"))
+    waits = row(catch("catch", signal, type=BOOL), mark="2")
+    found = told(team(watch, waits).replace("</definitions>", f"{signals}</definitions>"))
+    assert [line[: len(each)] for line, each in zip(found, said, strict=True)] == said
 
 
 def test_a_signal_that_is_spelt_in_two_ways_is_told_with_the_other_spelling() -> None:

@@ -11,6 +11,7 @@
     elements         pools, properties, data objects
     scripts          requests without await, unknown methods, JavaScript without next()
     topics           types, payloads, publishers and subscribers
+    service_topics   topics of pipelines and monitors, from their configurations
     signals          robots that wait for each other, signals that get lost
     variables        variables that are read and never set
     value_kinds      variables that are set to different kinds of values

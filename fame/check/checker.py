@@ -28,6 +28,7 @@ from fame.check.gate import check_compilation
 from fame.check.guidelines import check_effects, check_guidelines
 from fame.check.scope import CheckScope, Finding, arranged, find_scope
 from fame.check.scripts import check_scripts
+from fame.check.service_topics import check_services
 from fame.check.signals import check_signal_delivery, check_signal_order
 from fame.check.topics import check_addressing, check_topic_partners, check_topic_types
 from fame.check.value_kinds import check_value_kinds
@@ -64,6 +65,7 @@ CHECKS: tuple[Check, ...] = (
     check_value_kinds,
     check_scripts,
     check_data_objects,
+    check_services,
     check_effects,
 )
 """All checks but `check_guidelines`, in the order of their findings about one line."""

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 from fame.bpmn.model import Expression, FlowNode, Topic
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.check.service_topics import served_topics, service_places
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
-from fame.rooms import SERVICES
 from fame.scripting import ScriptTopic, script_topics
 
 
@@ -70,6 +70,9 @@ def endpoints_of(process: CheckedProcess) -> Iterator[TopicEndpoint]:
     for node in process.nodes():
         yield from _drawn(process, node)
         yield from _scripted(process, node)
+    for place in service_places(process):
+        for name, type, throws in place.topics or ():
+            yield TopicEndpoint(process, place.node, name, type, throws, place.node.line)
 
 
 def _drawn(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
@@ -117,11 +120,11 @@ def _space(name: str) -> str:
 def level_of(team: Sequence[CheckScope]) -> Level:
     """Return the level of a topic without publisher or subscriber: a warning where the file is complete, else a note.
 
-    A file is not complete if a pool is a black box, if a monitoring service is at work (whose topics are named in its
-    configuration), or if it is part of a mission whose other files may be missing.
+    A file is not complete if a pool is a black box, if the topics of a monitoring service are not known, or if it is
+    part of a mission whose other files may be missing.
     """
     pools = [pool for one in team for pool in one.definitions.participants]
-    monitored = any(node.operation in SERVICES for one in team for process in one.processes for node in process.nodes())
+    monitored = any(served_topics(root) is None for one in team for root in one.roots)
     return (
         "warning" if len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored else "note"
     )

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from fame.clock import SECOND, Entry, date_text
@@ -19,7 +20,7 @@ from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import Sink
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.properties import Location, Property, parse
-from fame.robot.services import ServiceContext, variable
+from fame.robot.services import ServiceContext, ServiceTopic, variable
 
 STRING = "std_msgs/msg/String"
 WATCHED = "watched"
@@ -39,10 +40,21 @@ class Alarm:
 
     def __init__(self, context: ServiceContext, variables: Mapping[str, Any]) -> None:
         name = variable(variables, "property", type=str)
-        if not re.fullmatch(r"[A-Za-z]\w*", name):
-            raise ConfigError(f"expected a name of letters, digits and _, got {name!r}", element="property")
+        topic = _topic(name)
         self.property = parse(variable(variables, "sentence", type=str), Location(), name)
-        self.throw: Callable[[str], object] = context.signals(f"/violated/{name}", STRING)
+        self.throw: Callable[[str], object] = context.signals(topic, STRING)
+
+
+def topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
+    """Return the topic of the alarm that the variables of a service give."""
+    name = variables.get("property")
+    return [ServiceTopic(_topic(str(name)), STRING, True)] if name is not None else None
+
+
+def _topic(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z]\w*", name):
+        raise ConfigError(f"expected a name of letters, digits and _, got {name!r}", element="property")
+    return f"/violated/{name}"
 
 
 class _Noticing(Sink):

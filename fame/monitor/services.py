@@ -18,13 +18,20 @@ Modules with heavy dependencies are imported when a service is started.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from fame.errors import ConfigError, MissionError
-from fame.robot.services import CommandService, RunningService, ServiceContext, variable
+from fame.robot.services import (
+    CommandService,
+    MissingFileError,
+    RunningService,
+    ServiceContext,
+    ServiceTopic,
+    variable,
+)
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.nodes import ArmOptions
@@ -58,7 +65,7 @@ def process(context: ServiceContext, variables: Mapping[str, Any]) -> RunningSer
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.node import ProcessingNode
 
-    configuration = load(_configuration_file(context, variables))
+    configuration = load(_configuration_file(context.folder, variables))
     configuration = _with_parameters(configuration, _parameters(variables), context.folder)
     node = ProcessingNode(
         context.middleware, context.scheduler, configuration,
@@ -75,7 +82,7 @@ def record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningServ
     output = variables.get("output")
     outputs = output if isinstance(output, list) else [variable(variables, "output", type=str)]
     node = RecordingNode(
-        context.middleware, context.scheduler, load(_configuration_file(context, variables)),
+        context.middleware, context.scheduler, load(_configuration_file(context.folder, variables)),
         [place if "://" in str(place) else context.folder / str(place) for place in outputs],
         RecordingOptions(namespace=_namespace(context, variables), append=True, report=context.report),
     )  # fmt: skip
@@ -86,17 +93,42 @@ def train(context: ServiceContext, variables: Mapping[str, Any]) -> RunningServi
     def results(output: Mapping[str, Any]) -> Mapping[str, Any]:
         return {"model": str(Path(output["model"]).resolve()), "thresholds": output["thresholds"]}
 
-    return CommandService(context, ["monitor", "train", str(_configuration_file(context, variables))], results)
+    return CommandService(context, ["monitor", "train", str(_configuration_file(context.folder, variables))], results)
 
 
-def _configuration_file(context: ServiceContext, variables: Mapping[str, Any]) -> Path:
+def process_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
+    """Return the topics of a processing node, as far as its variables say them. Raises ConfigError."""
+    from fame.monitor.pipeline.configuration import load
+
+    if variables.get("configuration") is None or variables.get("namespace", "") is None:
+        return None
+    configuration, place = load(_configuration_file(folder, variables)), variables.get("namespace")
+    ports = [(port, False) for port in configuration.inputs] + [(port, True) for port in configuration.outputs]
+    return [ServiceTopic(_name(port.topic, place), port.type, throws) for port, throws in ports]
+
+
+def record_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
+    """Return the topics of a recording node. Raises ConfigError."""
+    found = process_topics(folder, variables)
+    return [one for one in found if not one.throws] if found is not None else None
+
+
+def _name(topic: str, namespace: Any) -> str:
+    """A topic as models write it."""
+    own = topic.removeprefix("~/")
+    return (
+        topic if topic.startswith("/") else f"~/{own}" if namespace is None else f"/{str(namespace).strip('/')}/{own}"
+    )
+
+
+def _configuration_file(folder: Path, variables: Mapping[str, Any]) -> Path:
     from fame.bpmn.library import BUILT_IN
 
     name = variable(variables, "configuration", type=str)
-    folders = (context.folder, *BUILT_IN)
+    folders = (folder, *BUILT_IN)
     found = next((folder / name for folder in folders if isfile(folder / name)), None)
     if found is None:
-        raise ConfigError(f"there is no configuration {name} in {', '.join(map(str, folders))}")
+        raise MissingFileError(f"there is no configuration {name} in {', '.join(map(str, folders))}")
     return found
 
 
@@ -200,6 +232,25 @@ def adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> RunningS
         return {"classifier": next(item["name"] for item in output["classifiers"] if item["best"])}
 
     return CommandService(context, ["monitor", "adm", "learn", str(config), "-o", str(model)], results)
+
+
+def arm_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
+    """Return the topics by which an arm is watched."""
+    from fame.monitor.anomaly.nodes import bag_topics
+
+    topic, rule = variables.get("topic", "/joint_states"), variables.get("rule", "")
+    if topic is None or rule is None:
+        return None
+    return [ServiceTopic(name, type, False) for name, type in bag_topics(_name(topic, None), rule).items()]
+
+
+def operate_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
+    """Return the topics of anomaly detection."""
+    from fame.monitor.anomaly.nodes import PUBLISHED
+
+    read = arm_topics(folder, variables)
+    thrown = (ServiceTopic(_name(name, None), type, True) for name, type in PUBLISHED.items())
+    return [*read, *thrown] if read is not None else None
 
 
 def _arm(context: ServiceContext, variables: Mapping[str, Any]) -> ArmOptions:

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from fame.clock import Scheduler
 from fame.engine.program import Compiled
@@ -54,6 +54,18 @@ class RunningService(Protocol):
 
     def close(self) -> None:
         """End the service, which may have ended by itself already."""
+
+
+class ServiceTopic(NamedTuple):
+    """A topic of a service, as models write it: ``~/name`` is in the namespace of its robot."""
+
+    name: str
+    type: str
+    throws: bool
+
+
+class MissingFileError(ConfigError):
+    """A file that a service needs is not here; it may be on the robot's computer."""
 
 
 StartService: TypeAlias = Callable[[ServiceContext, dict[str, Any]], RunningService]

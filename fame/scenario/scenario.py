@@ -17,12 +17,12 @@ from fame.bpmn.library import Library
 from fame.bpmn.linked_forms import form_of, unfit_values
 from fame.bpmn.model import CallActivity, Definitions, FlowNode, Task
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
-from fame.check.scope import Finding, of_error
+from fame.check.scope import Finding, find_scope, of_error
+from fame.check.service_topics import served_topics
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
 from fame.middleware.interface import resolve
 from fame.robot import Event, make_mission
-from fame.rooms import SERVICES
 from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result, mistyped_topics
 from fame.scenario.run import Pace, Run
@@ -379,11 +379,16 @@ def _unmatched_topics(run: Run) -> Iterator[str]:
     outside = {sent.topic for sent in run.scenario.signals}
     graph = [info for info in run.middleware.graph() if "/bpmn_" not in info.name and info.name not in outside]
     bodies: Collection[str] = run.world.robots if run.world is not None else ()
+    scope = find_scope(run.scenario.definitions, run.scenario.library)
     for node in (one for one in run.nodes if one.name in bodies):
-        if any(each.operation in SERVICES for _, each in node.mission.flow_nodes()):
+        root = next(one for one in scope.processes if one.bpmn.id == node.mission.process.id)
+        served = served_topics(root)
+        if served is None:
             continue  # what a pipeline publishes is not known here
         engine, prefix = node.node.full_name, f"/{node.namespace}/"
-        own = {info.name.removeprefix(prefix): info for info in graph if info.name.startswith(prefix)}
+        published = {resolve(name, node.namespace) for name, _, throws in served if throws}
+        own = {info.name.removeprefix(prefix): info for info in graph
+               if info.name.startswith(prefix) and info.name not in published}  # fmt: skip
         there = ", ".join(name for name, info in own.items() if info.publishers)
         for info in own.values():
             if not info.publishers and engine in info.subscribers:

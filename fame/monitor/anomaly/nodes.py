@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,9 @@ from fame.monitor.pipeline.recording import EMPTY, RecordingNode, RecordingOptio
 
 TYPE = "sensor_msgs/msg/JointState"
 START, END, ALARM, CHANGE = "/task_start", "/task_end", "/anomaly", "/process_change"
+SCORE, POINT = "anomaly_score", "anomaly_point"
+PUBLISHED = {SCORE: "std_msgs/msg/Float64", POINT: "std_msgs/msg/Bool", ALARM: TYPE, CHANGE: "std_msgs/msg/String"}
+"""The topics of an `OperateNode`, with their types."""
 
 
 def bag_topics(topic: str, rule: str) -> dict[str, str]:
@@ -100,10 +104,7 @@ class OperateNode(RunNode):
     ) -> None:
         self.runs, self._reported_runs = monitor.ended, 0
         super().__init__(middleware, scheduler, monitor, arm)
-        self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
-        self._point = self.node.publisher("anomaly_point", "std_msgs/msg/Bool")
-        self._alarm = self.node.publisher(ALARM, TYPE)
-        self._change = self.node.publisher(CHANGE, "std_msgs/msg/String")
+        self._score, self._point, self._alarm, self._change = starmap(self.node.publisher, PUBLISHED.items())
 
     def close(self) -> None:
         """Close all endpoints; the current run is evaluated up to here."""

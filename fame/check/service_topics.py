@@ -1,0 +1,95 @@
+"""Topics of FAME's services: what pipelines and monitors publish and receive, as their variables and files say.
+
+A service is at work at the call activity that calls its process, or at a service task itself. Its topics are known if
+the variables that name them are constant there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.model import FlowNode
+from fame.check.expressions import constant
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.errors import FameError, UnavailableError
+from fame.robot.services import MissingFileError, ServiceTopic
+from fame.rooms import SERVICES, BuiltInService, load
+
+
+@dataclass(frozen=True, slots=True)
+class ServicePlace:
+    """Where a service is at work: a call of its process, or its task. `topics`: None if they are not known."""
+
+    node: FlowNode
+    is_call: bool
+    topics: Sequence[ServiceTopic] | None
+    fault: FameError | None = None
+    """Why it does not start."""
+
+
+def check_services(scope: CheckScope) -> Iterator[Finding]:
+    """Find services whose configuration is wrong here, so that they do not start. Files may be on the robot alone."""
+    for process in scope.processes:
+        for place in service_places(process):
+            if place.fault is not None and not scope.remote_types:
+                level: Level = "warning" if isinstance(place.fault, MissingFileError) else "error"
+                yield process.finding(level, f"does not start: {place.fault}", place.node)
+
+
+def service_places(process: CheckedProcess) -> Iterator[ServicePlace]:
+    """Return where services of FAME are at work in a process: its calls of their processes, and its service tasks."""
+    for node in process.nodes():
+        called = process.called_by(node)
+        for task in (node,) if called is None else called.nodes():
+            service = SERVICES.get(task.operation)
+            if service is not None:
+                own = _variables(called or process, task)
+                given = _variables(process, node) if called is not None else {}
+                unset = {name for name, value in own.items() if value is None and not _may_set(process, name)}
+                yield _place(
+                    process,
+                    node,
+                    called is not None,
+                    service,
+                    {**{name: own[name] for name in own.keys() - unset}, **given},
+                )
+
+
+def served_topics(root: CheckedProcess) -> list[ServiceTopic] | None:
+    """Return the topics of the services of a process and of all that it calls; None if some are not known."""
+    places = [place for process in root.closure() for place in service_places(process)
+              if process is root or place.is_call]  # fmt: skip
+    return (
+        None if any(each.topics is None for each in places) else [one for each in places for one in each.topics or ()]
+    )
+
+
+def _variables(process: CheckedProcess, node: FlowNode) -> dict[str, Any]:
+    """The variables that data objects and mappings give to an element: their values if constant, else None."""
+    texts = {name: text for body in process.bodies() for one in body.data_objects if one.id in node.data_inputs
+             for name, text in one.values if text.text.strip()}  # fmt: skip
+    texts |= {item.target: item.source for item in (node.io.inputs if node.io is not None else ())}
+    return {name: constant(text)[0] for name, text in texts.items()}
+
+
+def _may_set(process: CheckedProcess, name: str) -> bool:
+    """Whether something else than a call may give a variable to what it calls."""
+    scripts = (node.script.text for node in process.nodes() if node.script is not None)
+    objects = (one for body in process.bodies() for one in body.data_objects)
+    return any(name in one.names for one in objects) or any(name in text for text in scripts)
+
+
+def _place(
+    process: CheckedProcess, node: FlowNode, call: bool, service: BuiltInService, given: Mapping[str, Any]
+) -> ServicePlace:
+    if not service.topics:
+        return ServicePlace(node, call, ())
+    try:
+        return ServicePlace(node, call, load(service.topics)(Path(process.file).parent, given))
+    except UnavailableError:
+        return ServicePlace(node, call, None)
+    except FameError as error:
+        return ServicePlace(node, call, None, error)
