@@ -28,9 +28,9 @@ from collaborations import text_of, varied
 
 import fame
 from fame.check.explore import Exploration, Finding
+from fame.check.explore.canonical import stimuli
 from fame.check.explore.findings import FAILING
 from fame.check.explore.trace import Step
-from fame.engine.canonical import stimuli
 from fame.properties import Judge, Judgement, Property, Vocabulary, compile, parse, vocabulary_of
 from fame.properties.sentence import NOWHERE
 from fame.robot.events import Event

@@ -1,8 +1,8 @@
 """The fields of an engine's state: tables, from which snapshots are written and read.
 
-A field has a kind, which says how its value becomes data for JSON and comes back; None stays None. `canonical`,
-`revival` and `migration` have code of their own for each field. tests/conformance/test_state_fields.py fails for a
-field that one of them misses, and for an attribute that is in no table.
+A field has a kind, which says how its value becomes data for JSON and comes back; None stays None. `migration` and, for
+explorations, `canonical` and `revival` have code of their own for each field. tests/conformance/test_state_fields.py
+fails for a field that one of them misses, and for an attribute that is in no table.
 """
 
 from __future__ import annotations

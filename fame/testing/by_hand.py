@@ -14,10 +14,10 @@ from typing import Any
 
 from fame.bpmn.pools import shared_topics
 from fame.check.explore.abstraction import Abstraction, abstraction
+from fame.check.explore.canonical import stimuli
 from fame.check.explore.exploration import codes_named
 from fame.check.explore.kinds import kinds_of
 from fame.clock import SECOND
-from fame.engine.canonical import stimuli
 from fame.errors import FameError
 from fame.properties.conditions import subjects
 from fame.randomness import robot_random

@@ -13,11 +13,11 @@ from typing import Any
 
 from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import Abstraction
+from fame.check.explore.canonical import stimuli
 from fame.check.explore.host import ExplorationHost
 from fame.check.explore.values import Unknown, Values
 from fame.clock import Scheduler
 from fame.engine import UNDEFINED, Engine, Instance, compile_program
-from fame.engine.canonical import stimuli
 from fame.engine.host import Host
 from fame.engine.state import Trail, Wait
 from fame.errors import FameError

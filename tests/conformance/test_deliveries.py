@@ -33,8 +33,8 @@ from engine_models import (
     user,
 )
 
+from fame.check.explore.canonical import Forms
 from fame.engine import snapshot
-from fame.engine.canonical import Forms
 from fame.engine.encoding import decode, encode
 from fame.engine.migration import MigrationPlan, migrate
 

@@ -31,8 +31,8 @@ from engine_models import (
     user,
 )
 
+from fame.check.explore.canonical import Forms
 from fame.engine import Engine, Program, restore, snapshot
-from fame.engine.canonical import Forms
 from fame.engine.encoding import decode, encode
 from fame.engine.engine_state import EngineState
 from fame.engine.migration import MigrationPlan, migrate

@@ -19,6 +19,8 @@
     views           what can happen in a local state
     growth          states that are not explored: too many instances or tokens
     footprints      what a step reads and writes
+    canonical       engines as hashable forms, equal for equal behaviour; contents: their variables
+    revival         from a form back to an engine
     states          the states of one robot, by number
     local           the transitions of one robot, computed by the engine and cached
     running_states  states of running robots, to explore from

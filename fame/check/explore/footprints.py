@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
+from fame.check.explore.contents import Changes
 from fame.check.explore.remembering import Memory, Outcomes
-from fame.engine.contents import Changes
 
 Names = tuple[str, ...]
 Codes = tuple[Hashable, ...]

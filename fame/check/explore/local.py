@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from fame.bpmn.model import Body, Definitions, Process
 from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import Abstraction
+from fame.check.explore.canonical import Forms
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.host import MOST_DECISIONS, Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
 from fame.check.explore.liveness import Liveness
@@ -24,7 +25,6 @@ from fame.check.explore.timers import Timer
 from fame.check.explore.values import UNKNOWN, Values, is_fixed
 from fame.check.explore.views import View
 from fame.engine import Engine, Instance, compile_program
-from fame.engine.canonical import Forms
 from fame.engine.encoding import Data
 from fame.engine.host import Host
 from fame.engine.program import UNCOUNTED, Program

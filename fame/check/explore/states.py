@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from fame.check.explore.canonical import Form, Forms, Keys, Stimuli, stimuli
 from fame.check.explore.footprints import Effect
 from fame.check.explore.growth import growth
 from fame.check.explore.host import ExplorationHost
@@ -17,7 +18,6 @@ from fame.check.explore.timers import Timers, canonical_timers
 from fame.check.explore.values import UNKNOWN, Values
 from fame.check.explore.views import Interned, View, view_of
 from fame.engine import Engine, Instance, Program
-from fame.engine.canonical import Form, Forms, Keys, Stimuli, stimuli
 
 MOST_VALUES = 64
 """Values of one variable, after which further ones are unknown."""

@@ -6,7 +6,7 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fame.engine.canonical import Keys
+from fame.check.explore.canonical import Keys
 
 
 @dataclass(slots=True)

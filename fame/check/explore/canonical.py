@@ -19,12 +19,12 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from fame.engine.contents import Contents
+from fame.check.explore.contents import Contents
+from fame.check.explore.revival import Revival
 from fame.engine.data import Variables
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
 from fame.engine.program import USER, Node, Program
-from fame.engine.revival import Revival
 from fame.engine.snapshot import OF_NO_PROGRAM
 from fame.engine.state import Mailbox, Record, Scope, Wait, joins_reached
 from fame.engine.tasks import SCRIPT

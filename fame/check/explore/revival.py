@@ -1,4 +1,4 @@
-"""From the form of an engine (see `fame.engine.canonical`) back to an engine, many times from one form.
+"""From the form of an engine (see `fame.check.explore.canonical`) back to an engine, many times from one form.
 
 Scopes, waits and mailboxes are made in the order of their numbers; parents and owners have smaller numbers than what
 they hold. Values that nothing can change are shared by all engines of a form.
@@ -15,7 +15,7 @@ from fame.engine.interpreter import Engine
 from fame.engine.state import Instance, Mailbox, Record, Scope, Wait, pass_on
 
 if TYPE_CHECKING:
-    from fame.engine.canonical import Control, Form, Forms
+    from fame.check.explore.canonical import Control, Form, Forms
 
 
 class Revival:
