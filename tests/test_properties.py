@@ -243,6 +243,21 @@ def test_lost_events_make_what_needs_them_not_known() -> None:
     ]  # fmt: skip
 
 
+def test_a_robot_with_any_name_stands_in_quotation_marks() -> None:
+    robots = {name: replace(VOCABULARY.robots["A"], process="P") for name in ("Weed Robot", "after", "R2/D2")}
+    named = Vocabulary(robots)
+    for sentence in (
+        'after "Weed Robot" throws /found, some "R2/D2" starts "X" within 2 s',
+        'never "after" fails at "X" before "Weed Robot" completes',
+        'always "R2/D2".v > 1 and distance("after", "R2/D2") > 0.5 until "after" completes',
+        'never "after".v == "text"',
+        'never "text" == "Weed Robot".v',
+    ):
+        assert compile(parse(sentence), named).parts
+    with pytest.raises(ConfigError, match="a name of several words is in quotation marks"):
+        parse("Weed Robot completes")
+
+
 def test_a_signal_may_be_named_as_in_the_diagram() -> None:
     for target in ('"Order received"', "/Order_received"):
         (event,) = filter(None, (parse(f"A throws {target}").main,))

@@ -187,9 +187,10 @@ class _Parser:
     def _event(self, others: tuple[str, ...] = ()) -> Occurrence:
         first = self._next
         some = self._skip("some")
-        if self._next.kind != "name":
+        if self._next.kind not in ("name", "text"):
             self._expected("a robot or pool")
-        robot = self._take()
+        quoted = self._next.kind == "text"
+        robot = self._robot()
         after = self._next
         found = next((verb for verb in _VERBS if self._skip(verb)), None)
         if found is None:
@@ -198,16 +199,17 @@ class _Parser:
                 self._expected("always, never, exists, after, between or an event", others)
             if after.text in (".", "("):
                 self._fail(robot.offset, "expected an event here; a condition follows always or never")
-            self._expected(f"what {robot.text} does ({', '.join(_VERBS)})", _VERBS)
+            words = "" if quoted or after.kind == "end" else "; a name of several words is in quotation marks"
+            self._expected(f"what {robot.text} does ({', '.join(_VERBS)}{words})", _VERBS)
         made = self._object(found, robot, some)  # type: ignore[arg-type]
         text = self._text[first.offset : self._end()]
-        return Occurrence(Word(robot.text, robot.offset), *made[:2], some, *made[2:], text=text)
+        return Occurrence(robot, *made[:2], some, *made[2:], text=text)
 
     def _end(self) -> int:
         last = self._tokens[self._at - 1]
         return last.offset + len(last.text)
 
-    def _object(self, verb: Verb, robot: _Token, some: bool) -> tuple[Verb, Word, str | None, tuple[FieldTest, ...]]:
+    def _object(self, verb: Verb, robot: Word, some: bool) -> tuple[Verb, Word, str | None, tuple[FieldTest, ...]]:
         """Verb, target, error code and conditions of an event."""
         if verb in ("throws", "catches"):
             if self._next.kind not in ("topic", "text"):
@@ -268,7 +270,7 @@ class _Parser:
 
     def _is_condition(self) -> bool:
         first, second = self._next, self._tokens[min(self._at + 1, len(self._tokens) - 1)]
-        return first.kind in ("topic", "number", "text") or second.text in (".", "(", *_OPERATORS)
+        return first.kind in ("topic", "number") or (second.kind == "sign" and second.text in (".", "(", *_OPERATORS))
 
     def _condition(self) -> tuple[Comparison, ...]:
         found = [self._comparison()]
@@ -290,7 +292,8 @@ class _Parser:
 
     def _value(self) -> Value:
         token = self._next
-        if token.kind in ("number", "text") or token.text in ("true", "false"):
+        named = self._tokens[self._at + (token.kind != "end")].text == "."
+        if not named and (token.kind in ("number", "text") or token.text in ("true", "false")):
             return Value("constant", Word(token.text, token.offset), constant=self._constant())
         if token.kind == "topic":
             self._take()
@@ -299,7 +302,7 @@ class _Parser:
             return Value("topic", Word(token.text, token.offset), self._path(""))
         if self._is("distance", "("):
             return self._distance()
-        robot = self._name_of("a value: ROBOT.variable, ROBOT.battery, /topic.field, distance(A, B) or a number")
+        robot = self._robot("a value: ROBOT.variable, ROBOT.battery, /topic.field, distance(A, B) or a number").text
         self._need(".", f"'.' and a variable of {robot}")
         name = self._name_of("a variable")
         if name == "battery":
@@ -319,9 +322,10 @@ class _Parser:
         self._need(")")
         return Value("distance", one._replace(offset=one.offset or start.offset), other=other)
 
-    def _robot(self) -> Word:
+    def _robot(self, what: str = "a robot") -> Word:
+        """The name of a robot or pool: a word, or any text in quotation marks."""
         token = self._next
-        return Word(self._name_of("a robot"), token.offset)
+        return self._quoted() if token.kind == "text" else Word(self._name_of(what), token.offset)
 
     def _name_of(self, what: str) -> str:
         if self._next.kind != "name":
