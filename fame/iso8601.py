@@ -12,10 +12,11 @@ from __future__ import annotations
 import re
 from calendar import monthrange
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
 from functools import lru_cache
 from itertools import count
+
+from fame.dataclasses import dataclass
 
 _MONTHS = {"years": 12, "months": 1}
 _NANOSECONDS = {

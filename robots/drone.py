@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from fame.config.values import Point, parameter
+from fame.dataclasses import dataclass, field
 from fame.errors import MissingTypeError
 from fame.middleware.interface import AnyMessage, EndpointWarning
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
 from fame.config.values import Point, parameter
+from fame.dataclasses import dataclass
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, Node
 from robots.sensors import header_maker, maker

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import pairwise
 from typing import Any
@@ -22,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from fame.config.values import Point, parameter
+from fame.dataclasses import dataclass
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, AnyMessage, Node
 from sim2d.grid import Grid, from_message, inflate

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND
 from fame.config.values import parameter
+from fame.dataclasses import dataclass
 from fame.errors import MissingTypeError
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, EndpointWarning, Node, Publisher

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from fame.clock import SECOND
 from fame.config.values import Point, parameter
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.middleware.interface import LATCHED, AnyMessage
 from fame.text import suggestion

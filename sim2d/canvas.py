@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
+from fame.dataclasses import dataclass
 from sim2d import style
 from sim2d.ground import Circle, Outline, Thing, Weed, bounding_box
 from sim2d.record import WorldRecord

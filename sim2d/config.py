@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue, Point, Source, fill
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from sim2d.ground import ChargerConfig, Circle, Outline, Thing, WeedConfig, bounding_box, box, convex
 from sim2d.robot import RobotConfig, robot_class, robot_types

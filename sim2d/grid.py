@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fame.config.values import Point
+from fame.dataclasses import dataclass, replace
 from fame.middleware.interface import AnyMessage
 from sim2d.config import WorldConfig
 from sim2d.ground import Circle, Outline

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from fame.config.values import Point
+from fame.dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)

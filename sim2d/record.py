@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND
 from fame.config.values import Point
+from fame.dataclasses import dataclass, field
 from fame.log.recording import scene_values
 from sim2d.config import WorldConfig
 from sim2d.ground import ChargerConfig, Circle, Polygon, Thing, Weed

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
 from fame.config.loader import find_object, registered
 from fame.config.values import Point
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.middleware.interface import AnyMessage, QoS
 from fame.text import suggestion

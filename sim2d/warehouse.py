@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Scheduler
 from fame.config.values import Point
+from fame.dataclasses import dataclass
 from fame.middleware.interface import AnyMessage, DeferredResponse, Middleware
 
 if TYPE_CHECKING:

@@ -29,6 +29,7 @@ LAYERS = (
         "fame.iso8601",
         "fame.errors",
         "fame.cpython",
+        "fame.dataclasses",
         "fame.gc_tuning",
         "fame.randomness",
         "fame.rooms",
@@ -181,7 +182,7 @@ def bound(node: ast.stmt) -> Iterator[str]:
 
 
 def test_the_engine_knows_nothing_but_the_model() -> None:
-    allowed = {"fame.bpmn.model", "fame.errors", "fame.text"}
+    allowed = {"fame.bpmn.model", "fame.dataclasses", "fame.errors", "fame.text"}
     outside = [item for item in imports() if package_of(item.source) == "fame.engine" != package_of(item.target)]
     assert [str(item) for item in outside if ours(item.target) and item.target not in allowed] == []
     foreign = [item for item in outside if not ours(item.target)]
@@ -199,6 +200,12 @@ def test_robots_register_themselves_and_are_imported_by_nobody() -> None:
     }  # fmt: skip
 
 
+def test_dataclasses_are_declared_without_compiling_them() -> None:
+    declaring = {item.source for item in imports() if item.target == "dataclasses" and item.at_load}
+    texts = {name: MODULES[name].read_text(encoding="utf-8") for name in declaring}
+    assert [name for name, text in texts.items() if "@dataclass" in text] == []
+
+
 def test_only_reader_and_writer_know_xml() -> None:
     assert {package_of(item.source) for item in imports() if item.target.split(".")[0] == "lxml"} == {"fame.bpmn"}
 
@@ -207,7 +214,8 @@ def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
     loaded = [
         item for item in imports() if item.at_load and package_of(item.source) == "fame.cli" and ours(item.target)
     ]
-    assert {package_of(item.target) for item in loaded} == {"fame.cli", "fame.errors", "fame.rooms", "fame.text"}
+    light = {"fame.cli", "fame.dataclasses", "fame.errors", "fame.rooms", "fame.text"}
+    assert {package_of(item.target) for item in loaded} == light
 
 
 def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_needs() -> None:
@@ -278,7 +286,7 @@ def test_nothing_heavy_is_loaded(code: str) -> None:
     assert loaded & HEAVY == set()
 
 
-HELP = {"cli", "errors", "imports", "rooms", "text"}
+HELP = {"cli", "dataclasses", "errors", "imports", "rooms", "text"}
 CHECK = {*HELP, "bpmn", "check", "clock", "config", "engine", "iso8601", "middleware", "properties", "robot",
          "scripting", "worker"}  # fmt: skip
 LOADED = {"--help": HELP, "check": CHECK, "run": {*CHECK, "gc_tuning", "randomness", "scenario"}}

@@ -6,10 +6,10 @@ Elements are the same if they have the same id. The order of a file, its line nu
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
 from fame.bpmn.model import Body, Bounds, Definitions, Element, Process
+from fame.dataclasses import dataclass, field, fields, is_dataclass
 
 How = Literal["added", "removed", "changed", "moved"]
 _SILENT = frozenset(("id", "line", "incoming", "outgoing", "faults", "lanes"))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field
 
 from lxml import etree
 
@@ -26,6 +25,7 @@ from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.document import read_tree
 from fame.bpmn.reader.preparation import prepare
 from fame.bpmn.reader.xml import BPMN, BPMNDI, CAMUNDA, ZEEBE, Node, is_reference, local_name, parse, resolve, text_of
+from fame.dataclasses import dataclass, field
 
 _B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
 EXTENSION_ELEMENTS = f"{_B}extensionElements"

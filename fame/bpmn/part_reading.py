@@ -8,7 +8,6 @@ linked forms, and which process is executable.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -16,6 +15,7 @@ from fame.bpmn.difference import ElementComparison, elements_of
 from fame.bpmn.linked_forms import form_of, linked_form
 from fame.bpmn.model import CallActivity, Definitions, Element, Human, Process, Topic
 from fame.bpmn.topics import TTL
+from fame.dataclasses import dataclass, replace
 from fame.errors import ModelError
 
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.topics import TopicUse, topics_of_processes
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError, ModelError
 from fame.text import NAMES, is_ros_name
 

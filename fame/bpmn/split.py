@@ -12,7 +12,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
 from pathlib import Path
 
 from lxml import etree
@@ -28,6 +27,7 @@ from fame.bpmn.reader.dialects import is_original_fame
 from fame.bpmn.reader.dialects.original_fame import CALL
 from fame.bpmn.reader.expressions import variable_name
 from fame.bpmn.reader.xml import BPMN, CAMUNDA, ZEEBE, Node, local_id, unique_ids
+from fame.dataclasses import dataclass
 from fame.errors import ModelError
 
 _B = f"{{{BPMN}}}"

@@ -7,10 +7,10 @@ default type is std_msgs/msg/Empty.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from fame.bpmn.model import Definitions, FlowNode, Process, SignalDefinition, Topic
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ModelError
 
 EMPTY_TYPE = "std_msgs/msg/Empty"

@@ -10,7 +10,6 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Set
-from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import combinations, product
 
@@ -20,6 +19,7 @@ from fame.check.expressions import expressions_in, names_of, syntax_tree
 from fame.check.graph import FlowGraph, graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.variables import assigned_objects, sets_something, sharing
+from fame.dataclasses import dataclass, field
 
 _SHOWN = 3
 """Variables that a finding names."""

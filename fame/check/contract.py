@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.library import Library
@@ -19,6 +18,7 @@ from fame.bpmn.pools import Pool, pools_of, shared_topics
 from fame.bpmn.topics import EMPTY_TYPE, topics_of_processes
 from fame.check.scope import Finding
 from fame.clock import SECOND, Scheduler
+from fame.dataclasses import dataclass
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
 from fame.middleware.actions import ActionClient

@@ -9,11 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 from fame.bpmn.model import Expression, FlowNode, Topic
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.check.service_topics import served_topics, service_places
+from fame.dataclasses import dataclass
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages

@@ -15,7 +15,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.library import Library
@@ -36,6 +35,7 @@ from fame.check.expressions import expressions_in
 from fame.check.guidelines import suspending
 from fame.check.scope import CheckedProcess, CheckScope, find_scope
 from fame.check.variables import parameters
+from fame.dataclasses import dataclass
 from fame.engine.data import variable_name
 from fame.middleware import messages
 from fame.scripting.analysis import identifiers_of

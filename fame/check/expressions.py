@@ -13,11 +13,11 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 from fame.bpmn.model import Body, DataObject, Element, Expression, Use
+from fame.dataclasses import dataclass, field
 from fame.errors import FameError, ModelError
 from fame.scripting import code_names, script_names
 from fame.scripting.budget import BudgetExceeded

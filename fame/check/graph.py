@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 
 from fame.bpmn.model import Body, ErrorDefinition, FlowNode, LinkDefinition, SequenceFlow, TerminateDefinition
+from fame.dataclasses import dataclass
 from fame.engine.scope_compiler import begins, instantiates
 
 

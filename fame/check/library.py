@@ -7,13 +7,13 @@ from the diagram; nothing is declared twice.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from fame.bpmn.library import BUILT_IN, Library
 from fame.bpmn.model import Body, DataObject, Definitions, FlowNode, Process
 from fame.bpmn.topics import topic_table
 from fame.check.expressions import expressions_in, read_first
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.scripting.analysis import Direction, script_topics
 

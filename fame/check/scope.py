@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ConfigError, ModelError, display_name
 
 Level = Literal["error", "warning", "note"]

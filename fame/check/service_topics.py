@@ -7,13 +7,13 @@ the variables that name them are constant there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fame.bpmn.model import FlowNode
 from fame.check.expressions import constant
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.dataclasses import dataclass
 from fame.errors import FameError, UnavailableError
 from fame.robot.services import MissingFileError, ServiceTopic
 from fame.rooms import SERVICES, BuiltInService, load

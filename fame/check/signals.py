@@ -13,13 +13,13 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 
 from fame.bpmn.model import Body, FlowNode, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
 from fame.check.graph import FlowGraph, graph_of, passes_at_once
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.dataclasses import dataclass, field
 from fame.errors import MessageError
 from fame.iso8601 import parse_duration
 from fame.middleware.interface import SIGNAL

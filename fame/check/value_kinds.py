@@ -11,7 +11,6 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn.model import Element, Expression, FlowNode
@@ -21,6 +20,7 @@ from fame.check.expressions import ExpressionUse, constant, expressions_in, name
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.topics import misfit
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of
+from fame.dataclasses import dataclass
 from fame.engine import UNDEFINED
 from fame.engine.data import variable_name
 from fame.errors import MessageError

@@ -11,7 +11,6 @@ from __future__ import annotations
 import builtins
 import difflib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 
 from fame.bpmn.library import Library, calls_of
 from fame.bpmn.model import CallActivity, DataObject, Definitions, Element, Expression, FlowNode, Process, Task, Topic
@@ -19,6 +18,7 @@ from fame.bpmn.reader.expressions import has_placeholders
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
 from fame.check.expressions import ExpressionUse, expressions_in, names_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level, find_scope
+from fame.dataclasses import dataclass, field
 from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.rooms import SERVICES

@@ -5,13 +5,13 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import BackendNames, Commands, add_from_room, add_json, add_library, command, positive
 from fame.cli.network import connected, interface
 from fame.cli.output import coloured, print_json
+from fame.dataclasses import asdict, dataclass, field
 from fame.errors import ConfigError, ModelError
 from fame.rooms import EXPLORE_OPTIONS, EXPLORE_RUN, load
 from fame.text import similar_file

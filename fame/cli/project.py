@@ -10,12 +10,12 @@ import os
 import shlex
 from argparse import Action, Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli import output
 from fame.cli.arguments import BackendNames, Parser
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.text import suggestion
 

@@ -10,10 +10,10 @@ import math
 import reprlib
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from typing import Any, TypeVar, get_type_hints
 
+from fame.dataclasses import dataclass, field, fields, is_dataclass, replace
 from fame.errors import ConfigError
 from fame.text import suggestion
 

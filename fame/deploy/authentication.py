@@ -13,9 +13,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+from fame.dataclasses import dataclass, replace
 from fame.deploy import fields
 from fame.deploy.envelope import SIZE, Report, model_hash
 from fame.deploy.signing import FRESH, is_signed, is_vouched, sign, verify_signature

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
+from fame.dataclasses import dataclass, field, replace
 from fame.deploy import fields
 from fame.errors import DeploymentError, FameError, ModelError
 from fame.fast_json import json_bytes, json_value

@@ -12,7 +12,6 @@ Who is supplied when is decided by a pure state machine, ``step(state, event) ->
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,6 +19,7 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.pools import matches, pools_of
 from fame.bpmn.split import split
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.dataclasses import dataclass, replace
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.envelope import STATUS_QOS, STRING, Report, engines, model_hash
 from fame.deploy.machine import ProtocolMachine, boundary

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass, replace
 from fame.deploy import fields
 from fame.deploy.signing import sign, verify_signature
 from fame.errors import DeploymentError

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fame.dataclasses import asdict, dataclass, field
 from fame.text import DEPTH, is_deep
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from fame.dataclasses import dataclass, field
 from fame.robot.options import RobotOptions
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.dataclasses import dataclass, field, replace
 from fame.deploy import fields
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed

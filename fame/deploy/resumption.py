@@ -12,13 +12,13 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
+from fame.dataclasses import dataclass
 from fame.deploy import fields
 from fame.deploy.envelope import Envelope, model_hash, stored_envelope
 from fame.deploy.signing import verify_signature

@@ -6,9 +6,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Literal
 
+from fame.dataclasses import dataclass, replace
 from fame.deploy.envelope import Envelope, Problem
 from fame.deploy.termination import PeerAnswered, Ready, Silence
 

@@ -28,10 +28,10 @@ carries the actions out.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import Literal
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass, replace
 from fame.deploy.envelope import LONGEST_SILENCE, SILENCE
 
 SETTLE = 0.02

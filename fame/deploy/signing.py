@@ -13,12 +13,12 @@ import os
 import stat
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError, DeploymentError
 from fame.imports import require
 from fame.text import open_file

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.dataclasses import asdict, dataclass
 from fame.deploy.authentication import GONE
 from fame.deploy.envelope import STRING, Envelope, Problem, Report
 from fame.deploy.machine import boundary

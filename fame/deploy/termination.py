@@ -25,7 +25,7 @@ State and events in, state and actions out: nothing here sends, waits or looks a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from fame.dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)

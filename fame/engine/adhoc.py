@@ -15,10 +15,10 @@ no new one starts (``over``).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import faults, scopes, steps, subprocesses
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Compiled, Node

@@ -9,10 +9,10 @@ the throw event compensates the scope that the event sub-process handles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import faults, handlers, scopes, steps
 from fame.engine.engine_state import EngineState
 from fame.engine.host import BpmnError

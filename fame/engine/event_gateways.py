@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import scopes, steps, triggers, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Node, Start

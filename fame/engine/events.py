@@ -5,10 +5,10 @@ Their triggers are in `triggers`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import compensation, data, event_gateways, faults, handlers, steps, triggers
 from fame.engine.data import UNDEFINED
 from fame.engine.engine_state import EngineState

@@ -5,10 +5,10 @@ Splits are steps that other elements share: see `fame.engine.steps`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import faults, scopes, steps
 from fame.engine.data import Variables
 from fame.engine.engine_state import EngineState

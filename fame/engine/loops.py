@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import compensation, faults, scopes, state, steps, subprocesses, waiting
 from fame.engine.data import UNDEFINED, Variables, chained
 from fame.engine.engine_state import EngineState

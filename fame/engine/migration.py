@@ -10,10 +10,10 @@ program does not have them; `arm_new` arms the new ones. An event never becomes 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass, field
 from fame.engine import waiting
 from fame.engine.encoding import Data
 from fame.engine.interpreter import Engine

@@ -9,9 +9,10 @@ its steps need. A node at which tokens wait has a `Catch`, whose `Trigger` wakes
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+
+from fame.dataclasses import dataclass
 
 StepFunction = Callable[[Any, Any, Any], "Node | None"]
 """A function of (`EngineState`, `Scope`, `Node`): gives the node that the token moves to at once, or None if the token

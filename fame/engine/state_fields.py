@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any, Protocol
 
+from fame.dataclasses import dataclass, replace
 from fame.engine.encoding import Convert, Data, decode, encode
 from fame.engine.interpreter import Engine
 from fame.engine.program import Body, Node

@@ -7,9 +7,9 @@ ended.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
+from fame.dataclasses import dataclass, field
 from fame.engine import faults, scopes, waiting
 from fame.engine.data import UNDEFINED
 from fame.engine.engine_state import EngineState

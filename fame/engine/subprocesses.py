@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import compensation, faults, handlers, scopes, state, steps, waiting
 from fame.engine.data import UNDEFINED, chained, plain
 from fame.engine.engine_state import EngineState

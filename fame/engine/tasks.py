@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn import model
+from fame.dataclasses import dataclass
 from fame.engine import events, faults, scopes, steps, triggers, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.program import USER, Compiled, Node, Start, StepFunction, Trigger, nothing

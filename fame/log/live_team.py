@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Set
 from contextlib import suppress
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
 from heapq import heappop, heappush
@@ -20,6 +19,7 @@ from typing import Any
 
 from fame.clock import SECOND, Entry, Scheduler
 from fame.closing import Closing
+from fame.dataclasses import dataclass, field
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.team_state import KeyWriter, Put, TeamState, shift_times

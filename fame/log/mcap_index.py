@@ -16,10 +16,10 @@ from bisect import bisect_left
 from bz2 import BZ2Decompressor
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -28,7 +28,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import groupby
 from operator import attrgetter
@@ -36,6 +35,7 @@ from typing import Any, BinaryIO
 
 from fame.bpmn.model import Definitions
 from fame.clock import EPOCH, date_at
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING

@@ -9,13 +9,13 @@ import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
 from fame.bpmn.draw.style import ElementOutcome
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
 from fame.log.mission_level import PART

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from operator import itemgetter
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import matches, pools_of
 from fame.clock import EPOCH
+from fame.dataclasses import dataclass
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.robot.events import ENDED
 

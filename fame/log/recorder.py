@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Kind, Scheduler, WallScheduler
+from fame.dataclasses import dataclass, field
 from fame.engine.state import Trail
 from fame.log.recording_file import Sink
 from fame.log.team_state import KeyWriter, Put

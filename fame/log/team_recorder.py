@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
 
 from fame.clock import SECOND, Entry, Scheduler, date_text
 from fame.closing import Closing
+from fame.dataclasses import dataclass, field
 from fame.errors import MessageError
 from fame.log.channels import CLOCKS, GROUND, KEY, WORLD
 from fame.log.clocks import DAY, ClockDoubts

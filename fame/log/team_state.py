@@ -7,10 +7,10 @@ A state is read from a key message, and changed by every later message of ``/fam
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass, field
 from fame.log.channels import KEY, PROPERTIES, WAITING
 from fame.robot.robot_state import RobotState
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
 from fame.bpmn.model import Body, Definitions, Event
 from fame.clock import SECOND
+from fame.dataclasses import dataclass, field
 from fame.errors import display_name
 from fame.log.elements import UNKNOWN, ElementInfo, element_info
 from fame.log.wait_reasons import silences, wait_text

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass
 from fame.errors import DeploymentError, ModelError, display_name
 from fame.log.elements import UNKNOWN, element_info
 from fame.robot.robot_state import RobotState

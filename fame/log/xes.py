@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, BinaryIO
 from xml.sax.saxutils import quoteattr
 
 from fame.clock import EPOCH, date_at
+from fame.dataclasses import dataclass, field
 from fame.engine.program import Mark
 from fame.engine.state import Trail
 from fame.iso8601 import parse_datetime

@@ -10,11 +10,11 @@ import keyword
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
 
 from fame.config.scalars import earlier, note_change
+from fame.dataclasses import dataclass, replace
 from fame.errors import MessageError
 from fame.text import DEPTH, is_deep
 

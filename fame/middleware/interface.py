@@ -8,8 +8,9 @@ published itself. Callbacks run as entries of the scheduler (`fame.clock.Kind.ME
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence, Set
-from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
+
+from fame.dataclasses import dataclass, field
 
 AnyMessage = Any
 """An object with one attribute per field: a dataclass made by `fame.middleware.messages`."""

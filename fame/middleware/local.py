@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
 from typing import Any
 
 from fame.clock import SECOND, Scheduler
+from fame.dataclasses import dataclass, field
 from fame.middleware import messages
 from fame.middleware.errors import (
     check_name,

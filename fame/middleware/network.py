@@ -15,11 +15,11 @@ from __future__ import annotations
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from fame.clock import SECOND, Kind, Scheduler
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.middleware.interface import AnyMessage, QoS
 

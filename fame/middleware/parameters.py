@@ -7,9 +7,9 @@ its parts: `ros2 param list` waits 5 s for each node that does not. Within rclpy
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Node

@@ -21,11 +21,11 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from fame.config.values import ConfigValue
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any
 
+from fame.dataclasses import dataclass, replace
 from fame.errors import NOT_KNOWN, ConfigError
 from fame.monitor.judge import JudgedRun, JudgedRuns, mark_known
 

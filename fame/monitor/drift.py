@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import LEAST, Calibration

@@ -10,13 +10,13 @@ import csv
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import NOT_KNOWN, ConfigError
 from fame.intervals import interval
 from fame.monitor.arrays import Floats, Whole

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -17,6 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fame.config.loader import read_document
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 

@@ -12,7 +12,6 @@ of all joints on their first three principal components.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
+from fame.dataclasses import dataclass
 from fame.imports import require
 from fame.middleware.interface import resolve
 from fame.monitor.anomaly.benign_changes import PointScores

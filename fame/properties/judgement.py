@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
+from fame.dataclasses import dataclass
 from fame.errors import NOT_KNOWN
 from fame.properties.monitor import VerdictWord
 

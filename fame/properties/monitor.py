@@ -19,10 +19,10 @@ step has finitely many states. Times are ns; events of one time are judged in th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Literal, NamedTuple, TypeAlias
 
+from fame.dataclasses import dataclass, replace
 from fame.properties.conditions import (
     Condition,
     LastValues,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 
 Pattern = Literal["always", "never", "exists", "only after", "each time only after", "at most"]

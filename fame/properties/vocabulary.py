@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from types import MappingProxyType
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool
+from fame.dataclasses import dataclass, field
 from fame.errors import display_name
 from fame.properties.sentence import Occurrence, PoseTopic, Property, Word
 from fame.text import suggestion

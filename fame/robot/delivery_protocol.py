@@ -28,8 +28,9 @@ the actions out.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
 from itertools import islice, takewhile
+
+from fame.dataclasses import dataclass, field, replace
 
 WINDOW = 32
 """Signals that are on the way to a receiver at most."""

@@ -22,7 +22,6 @@ import os
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,6 +29,7 @@ from uuid import uuid4
 
 import orjson
 
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.robot.disk import SYSTEM, Disk, File, Lock
 from fame.worker import Worker

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -11,6 +10,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Expression, FlowNode, Process
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.topics import TopicUse, topics_of_processes
+from fame.dataclasses import dataclass, fields, is_dataclass
 from fame.errors import ModelError
 from fame.randomness import RANDOM_MODULES
 from fame.robot.timers import Missed

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import EPOCH
+from fame.dataclasses import dataclass, field
 
 if TYPE_CHECKING:
     from fame.engine import Instance

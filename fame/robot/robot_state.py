@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
+
+from fame.dataclasses import dataclass, field
 
 EVENTS_TOPIC, MODEL_TOPIC = "bpmn_events", "bpmn_model"
 """Topics on which a robot tells what happens in it (`fame.robot.live`)."""

@@ -13,11 +13,11 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from fame.clock import Scheduler
+from fame.dataclasses import dataclass
 from fame.engine.program import Compiled
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from itertools import chain, islice
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 
 from fame.bpmn import model
 from fame.clock import SECOND, Scheduler, date_at, date_text
+from fame.dataclasses import dataclass, field
 from fame.engine import Engine, waiting
 from fame.engine.program import USER, Catch, Node as ProgramNode
 from fame.engine.repair import INCIDENT

@@ -14,10 +14,10 @@ import shlex
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from fame.dataclasses import asdict, dataclass, field
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
 from fame.properties.conditions import measured

@@ -15,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.check.gate import refuse_errors
 from fame.clock import SECOND, Kind, Scheduler, WallScheduler, date_text
+from fame.dataclasses import dataclass
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.options import DeploymentOptions

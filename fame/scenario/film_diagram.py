@@ -12,12 +12,12 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.draw.diagram import draw_planes
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
+from fame.dataclasses import dataclass
 from fame.imports import require
 from fame.robot import Event
 

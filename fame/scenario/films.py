@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.log.conversion import models_of

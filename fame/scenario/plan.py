@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +16,7 @@ from fame.bpmn.pools import Pool
 from fame.clock import EPOCH, parse_epoch
 from fame.config.loader import read_document
 from fame.config.values import Source
+from fame.dataclasses import dataclass, field, replace
 from fame.engine.data import is_variable
 from fame.errors import ConfigError, MessageError
 from fame.text import similar_file, topic_of

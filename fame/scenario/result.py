@@ -6,12 +6,12 @@ import difflib
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.library import comes_with_fame
 from fame.clock import EPOCH, SECOND, date_text
+from fame.dataclasses import dataclass, field
 from fame.errors import MissionError
 from fame.middleware.interface import TopicInfo
 from fame.robot import Event, PendingStarts, WaitingToken

@@ -11,10 +11,10 @@ import itertools
 import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.imports import require
 

@@ -10,11 +10,11 @@ import ast
 import re
 import symtable
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, cast
 
 from fame.bpmn.model import Expression
+from fame.dataclasses import dataclass, field
 from fame.scripting.interface import interface
 from fame.scripting.languages import parse_expression
 from fame.scripting.python import called_name, compile_python, parse_python

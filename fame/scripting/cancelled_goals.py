@@ -7,11 +7,11 @@ that has not ended `BOUND` later, is reported, once, and again when it has ended
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.dataclasses import dataclass, field
 from fame.errors import MessageError
 from fame.middleware.actions import ActionClient, Goal
 

@@ -11,10 +11,10 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Literal
 
+from fame.dataclasses import dataclass
 from fame.scripting.budget import metered
 from fame.scripting.data import NUMBERS, PLAIN, Evaluate, ExpressionError, Parsed, Undefined, checked, constant
 from fame.scripting.signatures import Argument, Function, called, chosen

@@ -9,12 +9,12 @@ from __future__ import annotations
 import builtins
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from datetime import datetime
 from random import Random
 from typing import Any
 
 from fame.clock import EPOCH, SECOND, date_at
+from fame.dataclasses import dataclass, field
 from fame.engine.host import BpmnError
 from fame.middleware.interface import AnyMessage
 from fame.scripting.budget import DEFAULT, Budget

@@ -10,11 +10,11 @@ import math
 import weakref
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass
 from fame.engine.host import BpmnError
 from fame.errors import MessageError
 from fame.middleware.actions import ActionClient

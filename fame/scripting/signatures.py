@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from fame.dataclasses import dataclass
 from fame.scripting.budget import PASS, spend, weight
 from fame.scripting.data import Evaluate, is_list, is_number, plain
 

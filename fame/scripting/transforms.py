@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass, field
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, QoS
 from fame.middleware.messages import nanoseconds

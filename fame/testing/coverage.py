@@ -12,12 +12,12 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import comes_with_fame
 from fame.bpmn.model import Definitions, Element, Process, SequenceFlow
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.testing.elements import parts
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Element, FlowNode, Process
 from fame.bpmn.pools import Pool
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError, display_name
 
 

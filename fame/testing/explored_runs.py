@@ -10,13 +10,13 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 from fame.check.explore import Exploration, Finding
 from fame.check.explore.trace import Step
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError, ModelError
 from fame.testing.by_hand import MissionByHand
 from fame.testing.elements import Elements

@@ -11,7 +11,6 @@ import gc
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.config.values import Source
+from fame.dataclasses import dataclass, replace
 from fame.engine.state import scopes_of
 from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError, FameError

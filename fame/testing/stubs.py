@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import CallActivity, Definitions, Process
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.robot import ServiceFunction
 from fame.text import suggestion

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, TimeoutError as NoAnswer
-from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +20,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read_text
 from fame.bpmn.split import split
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import FameError
 from fame.view.catalogue import NOWHERE
 from fame.view.watch import ModelWatch

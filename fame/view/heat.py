@@ -9,13 +9,13 @@ from __future__ import annotations
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import FlowNode, Human
 from fame.clock import SECOND
+from fame.dataclasses import dataclass, field
 from fame.deploy import model_hash
 from fame.errors import ConfigError, FameError
 from fame.intervals import nearest_rank

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from fame.bpmn.model import Human
+from fame.dataclasses import dataclass, field
 from fame.errors import FameError
 
 TAKE_OVER = ("take_over", "steer", "suspend", "continue", "restart", "skip", "fail")

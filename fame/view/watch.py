@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -15,6 +14,7 @@ from fame.bpmn.reader import read
 from fame.check import Finding, check
 from fame.check.scope import of_error
 from fame.closing import Closing
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, FameError, ModelError
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json

@@ -8,13 +8,13 @@ The columns of the inertia matrix are the efforts of unit accelerations at rest,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fame.config.loader import read_document
+from fame.dataclasses import dataclass, replace
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain, load_chain
 from robots.arm.kinematics import rotations

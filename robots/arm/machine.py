@@ -12,7 +12,6 @@ differs from run to run and from cycle to cycle.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ import numpy as np
 
 from fame.clock import SECOND
 from fame.config.values import parameter
+from fame.dataclasses import dataclass
 from fame.errors import MissionError
 from fame.monitor.arrays import Floats
 from robots.arm.bench import Bench, Push

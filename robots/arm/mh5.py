@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from fame.config.values import parameter
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.text import as_number

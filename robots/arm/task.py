@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.config.loader import read_document
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.anomaly.recording import Recording

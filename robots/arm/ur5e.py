@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -22,6 +21,7 @@ import numpy as np
 
 from fame.clock import SECOND, Entry, Scheduler
 from fame.config.values import Point, parameter
+from fame.dataclasses import dataclass
 from fame.errors import MissionError
 from fame.imports import require
 from fame.middleware import messages

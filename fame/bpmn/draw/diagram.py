@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from fame.bpmn.draw.shapes import draw_shape, name_beside, placeholder
@@ -44,6 +43,7 @@ from fame.bpmn.draw.svg import (
     translated,
 )
 from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, FlowNode, SequenceFlow, Shape, SubProcess
+from fame.dataclasses import dataclass, replace
 from fame.errors import ModelError
 
 Box = tuple[float, float, float, float]

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, get_args
 
 from fame.bpmn.draw.svg import Label, number, tag, text_lines, text_width, translated
 from fame.bpmn.model import Edge, Element, Shape
+from fame.dataclasses import dataclass, field
 
 Ink = tuple[str, str]
 """(stroke, fill)"""

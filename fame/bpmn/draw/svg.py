@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
 from fame.bpmn.model import Bounds, Edge, Shape
+from fame.dataclasses import dataclass, field
 from fame.text import NOT_XML
 
 Point = tuple[float, float]

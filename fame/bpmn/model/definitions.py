@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from fame.bpmn.model.elements import Element
 from fame.bpmn.model.flow_nodes import Body
+from fame.dataclasses import dataclass, field
 from fame.errors import display_name
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
+from fame.dataclasses import dataclass, field
 from fame.errors import display_name
 
 EMPTY: Mapping[str, str] = MappingProxyType({})

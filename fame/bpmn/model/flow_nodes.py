@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 from fame.bpmn.model.elements import (
@@ -21,6 +20,7 @@ from fame.bpmn.model.elements import (
     texts,
 )
 from fame.bpmn.model.forms import NOBODY, Human
+from fame.dataclasses import dataclass, field, replace
 
 _Kind = TypeVar("_Kind", bound=EventDefinition)
 

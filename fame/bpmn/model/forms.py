@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, Literal
+
+from fame.dataclasses import dataclass
 
 FieldKind = Literal[
     "text", "textarea", "number", "integer", "checkbox", "select", "radio", "date", "time", "datetime", "value",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from fame.bpmn.model import ModelFault, Note
 from fame.bpmn.reader.xml import Node, line_of, local_name, resolve
+from fame.dataclasses import dataclass, field
 from fame.errors import ModelError
 
 T = TypeVar("T")

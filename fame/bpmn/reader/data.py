@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.model import Assignment, DataObject, Expression
@@ -12,6 +11,7 @@ from fame.bpmn.reader.dialects import read_extensions
 from fame.bpmn.reader.dialects.extensions import take_data_values
 from fame.bpmn.reader.expressions import code_of, is_name, mapping_source, variable_name
 from fame.bpmn.reader.xml import BPMN, Node, Parts, child, children, line_of, local_name, resolve, text_of
+from fame.dataclasses import dataclass
 
 _PLACEHOLDER = "__targetRef_placeholder"
 """A property that modelers generate because the schema requires a target of an association."""

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
@@ -51,6 +50,7 @@ from fame.bpmn.reader.xml import (
     resolve,
     text_of,
 )
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ConfigError, ModelError, expect
 from fame.text import as_number, unreadable, write_file
 

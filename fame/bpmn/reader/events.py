@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 from fame.bpmn.model import (
@@ -41,6 +40,7 @@ from fame.bpmn.reader.xml import (
     resolve,
     text_of,
 )
+from fame.dataclasses import dataclass, fields, replace
 from fame.text import label_of, ros_name
 
 THROWS: tuple[str, ...] = ("throw", "end")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn.reader.context import Context, boolean_attribute
@@ -11,6 +10,7 @@ from fame.bpmn.reader.data import DataAssociations, read_data_associations, requ
 from fame.bpmn.reader.dialects import read_extensions
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import Node, Parts, children, line_of, parts_of, text_of
+from fame.dataclasses import dataclass
 
 Connections = Mapping[str, tuple[list[str], list[str]]]
 """Flow node id -> ids of its incoming and outgoing sequence flows, in document order."""

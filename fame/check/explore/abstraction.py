@@ -10,7 +10,6 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, fields, replace
 
 from fame.bpmn import model
 from fame.bpmn.library import Library
@@ -23,6 +22,7 @@ from fame.check.explore.script_requests import computes_codes, outcomes, own_cod
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
 from fame.check.explore.values import MARK
 from fame.check.expressions import cover_all, expressions_in, names_of
+from fame.dataclasses import dataclass, field, fields, replace
 from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.middleware.messages import is_action

@@ -15,12 +15,12 @@ Invariant: ``canonical(revived(form)) == form``.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
 from fame.check.explore.contents import Contents
 from fame.check.explore.revival import Revival
+from fame.dataclasses import dataclass
 from fame.engine.data import Variables
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine

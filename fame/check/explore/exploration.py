@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
@@ -32,6 +31,7 @@ from fame.check.explore.trace import Place, Runs
 from fame.check.explore.transitions import FAULTS, MASK
 from fame.check.explore.values import Values
 from fame.check.expressions import expressions_in
+from fame.dataclasses import dataclass, field, replace
 from fame.engine import Program
 from fame.engine.encoding import Data
 from fame.errors import ModelError, expect

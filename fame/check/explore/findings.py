@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
-from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import Literal
 
@@ -25,6 +24,7 @@ from fame.check.explore.graph import Explored
 from fame.check.explore.product import Product, SingleFault
 from fame.check.explore.trace import Place, Runs, Step, TracedRun, waiting
 from fame.check.explore.values import MARK
+from fame.dataclasses import dataclass, field, replace
 
 FindingKind = Literal[
     "deadlock", "never", "lost", "always-lost", "outside", "dropped", "unstarted", "unreachable", "error", "condition",

@@ -5,8 +5,9 @@ from __future__ import annotations
 from array import array
 from bisect import bisect_right
 from collections.abc import Callable, Container, Iterable
-from dataclasses import dataclass, field
 from typing import TypeVar
+
+from fame.dataclasses import dataclass, field
 
 _T = TypeVar("_T")
 

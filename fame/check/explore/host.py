@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Set
-from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -26,6 +25,7 @@ from fame.check.explore.script_effects import changed_in_place, may_change, scri
 from fame.check.explore.script_requests import computes_codes, own_codes
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
+from fame.dataclasses import dataclass, field, replace
 from fame.engine import UNDEFINED, Engine, Instance
 from fame.engine.host import BpmnError
 from fame.engine.state import Trail, Wait

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 from fame.bpmn import model
 from fame.check.explore.graph import reachable
 from fame.check.explore.local import Local
 from fame.check.expressions import expressions_in
+from fame.dataclasses import dataclass, field
 
 
 @dataclass(slots=True)

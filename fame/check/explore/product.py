@@ -13,7 +13,6 @@ Delivery (`Options.delivery`)::
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from fame.check.explore.broadcast import Broadcast
@@ -38,6 +37,7 @@ from fame.check.explore.transitions import (
     Transition,
     is_observed,
 )
+from fame.dataclasses import dataclass, field
 from fame.engine.encoding import Data
 
 if TYPE_CHECKING:

@@ -16,7 +16,6 @@ on for ever and can never come to it. It is *proved* if there is no such run in 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from fame.check.explore.graph import Explored
@@ -24,6 +23,7 @@ from fame.check.explore.local import VALUE, Local, Observed
 from fame.check.explore.trace import Runs, Step
 from fame.check.explore.transitions import THROWN
 from fame.check.explore.values import holds_unknown
+from fame.dataclasses import dataclass, replace
 from fame.properties import Monitor, Verdict
 from fame.properties.conditions import LastValues, ValueSource, subjects
 from fame.properties.judgement import ABSENT, SEVERAL

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
 from itertools import accumulate, chain
 from random import Random
 
@@ -20,6 +19,7 @@ from fame.check.explore.host import seconds_of
 from fame.check.explore.product import Product
 from fame.check.explore.search import add_state, report
 from fame.check.explore.transitions import BITS, CUT, MASK, Transition
+from fame.dataclasses import dataclass, field
 
 STEPS = 10_000
 """Steps of the schedule, and of all random runs together; a high limit of states allows more."""

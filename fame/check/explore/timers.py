@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from fame.check.explore.canonical import Keys
+from fame.dataclasses import dataclass
 
 
 @dataclass(slots=True)

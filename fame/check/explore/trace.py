@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Iterator, Sequence, Set
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from fame.check.explore.graph import Explored, shortest
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import BITS, CUT, MASK, Move, Seen, Transition
 from fame.check.explore.views import element_of
+from fame.dataclasses import dataclass, field
 from fame.errors import display_name
 
 _MOST_THROWS = 8

@@ -7,12 +7,11 @@ move is added to any state in which its robot is where the move begins.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from fame.check.explore.host import Flag
 from fame.check.explore.local import Successor
 from fame.check.explore.states import BITS as BITS, CUT as CUT, MASK as MASK
 from fame.check.explore.stimuli import Stimulus
+from fame.dataclasses import dataclass
 
 DEAD = MASK
 """The local state of a robot whose engine has died."""

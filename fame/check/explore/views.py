@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from fame.check.explore.canonical import Keys, Stimuli
 from fame.check.explore.host import ExplorationHost, step_under_way
 from fame.check.explore.stimuli import Stimulus
 from fame.check.explore.timers import next_timers
+from fame.dataclasses import dataclass
 from fame.engine import Engine
 from fame.engine.state import Mailbox
 

@@ -16,13 +16,13 @@ from __future__ import annotations
 import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from cyclonedds import builtin
 from cyclonedds.core import InstanceState
 from cyclonedds.sub import DataReader
 
+from fame.dataclasses import dataclass
 from fame.errors import MessageError
 from fame.middleware.codec import LITTLE, ORDERS
 from fame.middleware.dds import wire

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
 from itertools import count
@@ -30,6 +29,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass
 from fame.errors import MessageError, MissingTypeError
 from fame.middleware import codec
 from fame.middleware.errors import mismatch_warning

@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import struct
 import time
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple, cast, get_args
 
 import xxhash
 
 from fame.clock import SECOND
+from fame.dataclasses import dataclass
 from fame.errors import MessageError
 from fame.middleware.interface import SIGNAL, QoS, resolve
 from fame.middleware.typesystem import dds_type, ros_type

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from bisect import insort
 from collections import deque
-from dataclasses import dataclass
 from typing import NamedTuple
 
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.monitor.kinematics import Vector
 

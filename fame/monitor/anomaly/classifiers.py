@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import product
@@ -19,6 +18,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.anomaly.benign_changes import PathParameters

@@ -18,12 +18,12 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.anomaly.classifiers import (

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from os.path import exists
 from pathlib import Path
@@ -37,6 +36,7 @@ from typing import Any, Literal
 
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue, entries, join
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.monitor.calibration import read_false_alarms
 from fame.monitor.pipeline.detectors import split_rule

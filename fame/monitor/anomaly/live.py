@@ -15,11 +15,11 @@ import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.model import Model

@@ -15,12 +15,12 @@ pose, a drift, missing stamps) in words on ``/process_change`` (std_msgs/msg/Str
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 from fame.clock import Scheduler
+from fame.dataclasses import dataclass
 from fame.middleware import messages
 from fame.middleware.interface import SENSOR_DATA, Middleware, resolve
 from fame.monitor.anomaly.live import ArmRuns, Point, RunMonitor, RunReport

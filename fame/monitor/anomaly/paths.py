@@ -30,11 +30,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.anomaly.benign_changes import (

@@ -18,7 +18,6 @@ import csv
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Literal
@@ -26,6 +25,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.data_files import LABEL, RUN, STAMP, CsvTable, read_table, stamp_text

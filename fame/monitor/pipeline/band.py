@@ -6,10 +6,10 @@ It decides nothing: it tells a reader what to expect where a detector raises an 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from fame.dataclasses import dataclass
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.elements import active
 from fame.monitor.pipeline.processor import Samples

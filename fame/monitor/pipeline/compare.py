@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
 from fame.intervals import interval
 from fame.monitor.arrays import Floats

@@ -28,13 +28,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from os.path import isfile
 from pathlib import Path
 from typing import Any
 
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue, Source, entries, join
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS

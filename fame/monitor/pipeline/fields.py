@@ -12,12 +12,12 @@ named places, whose names go into the message's list of names.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from fame.dataclasses import dataclass
 from fame.errors import MessageError
 from fame.middleware import messages, typesystem
 from fame.middleware.definitions import Definition, Field

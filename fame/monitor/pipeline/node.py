@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError, FameError
 from fame.middleware.interface import Middleware, Node, Publisher
 from fame.monitor.arrays import Floats

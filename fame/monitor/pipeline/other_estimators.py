@@ -8,12 +8,12 @@ are higher (`decision_function`). Others are refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats

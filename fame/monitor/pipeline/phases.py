@@ -17,11 +17,11 @@ holds for all.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats, Whole

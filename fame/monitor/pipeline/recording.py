@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
 from math import inf
@@ -14,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, resolve
 from fame.middleware.local import LocalMiddleware

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from fame.clock import SECOND, Scheduler
+from fame.dataclasses import dataclass, field
 from fame.errors import MessageError
 from fame.middleware.interface import SENSOR_DATA, Middleware, Node
 from fame.monitor.pipeline.fields import FieldPath, UnusableMessage, has_stamp, reader, stamp_of

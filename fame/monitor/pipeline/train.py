@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from fame.config.values import ConfigValue
+from fame.dataclasses import asdict, dataclass, field, replace
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, read_false_alarms

@@ -11,11 +11,11 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
 from functools import lru_cache
 from typing import Any
 
+from fame.dataclasses import dataclass
 from fame.iso8601 import Duration, add, nanoseconds_between, parse_duration, zone_named
 from fame.scripting.budget import PASS, spend
 from fame.scripting.data import Undefined, field, fields_of, is_list, is_number, plain, product, quotient

@@ -7,12 +7,12 @@ the script, at the line where the command was given.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
+from fame.dataclasses import dataclass, field
 from fame.engine.host import BpmnError
 from fame.errors import MessageError
 from fame.scripting.javascript.environment import ScriptRun

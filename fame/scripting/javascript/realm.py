@@ -22,11 +22,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
+from fame.dataclasses import dataclass, replace
 from fame.engine.data import BUILTINS
 from fame.errors import UnavailableError
 from fame.scripting.javascript import source

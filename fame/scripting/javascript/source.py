@@ -8,12 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
 from typing import Any, Literal
 
 from fame.bpmn.model import Expression
+from fame.dataclasses import dataclass
 from fame.engine.host import BpmnError
 from fame.errors import ModelError
 from fame.imports import require

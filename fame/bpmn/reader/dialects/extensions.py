@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from fame.bpmn.model import EMPTY, Assignment, Expression, FormField, IoMapping
@@ -13,6 +12,7 @@ from fame.bpmn.reader.context import Context, message_type, whole_number
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node, line_of
 from fame.bpmn.topics import TTL
+from fame.dataclasses import dataclass, field
 from fame.text import as_number
 
 QOS_CHOICES: Mapping[str, tuple[str, ...]] = {
