@@ -20,7 +20,7 @@ from fame.errors import ConfigError
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 _STRING = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)  # possessive: linear in the text
 _NO_BRACKETS = re.compile(r"[^\[\]{}]+")
-NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+NOT_XML = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 """Characters that are not allowed in XML."""
 DEPTH = 32
 """How deep lists and objects may be nested in JSON from elsewhere."""

@@ -17,13 +17,11 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from io import TextIOWrapper
-from textwrap import wrap
 from types import FrameType
 from typing import Any
 
-from fame.cli import output, project
-from fame.cli.arguments import Commands, Parser, Version, group as add_group, register_types
-from fame.cli.network import without_ros_arguments
+from fame.cli import output
+from fame.cli.arguments import MISSION, Commands, Parser, Version, group as add_group, register_types, sentence
 from fame.cli.output import error_object, note, print_json
 from fame.errors import NOT_KNOWN, FameError, UnavailableError, ValueChanged
 from fame.rooms import COMMANDS, ROOMS, load, room_of
@@ -38,14 +36,15 @@ NAMES = tuple(
     if group != "monitor" or name == group
 )  # fmt: skip
 _HELP = ("-h", "--help", "--version")
-"""What needs the commands of missions alone: the others are listed by their names."""
+"""What needs no command: those of a mission are described, the others are listed by their names."""
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line (that of the process by default) and return the exit code."""
     output.named.clear()
-    given = _with_new_name(without_ros_arguments(sys.argv[1:] if argv is None else argv))
+    words = [*(sys.argv[1:] if argv is None else argv), "--ros-args"]  # which launch files append, with what follows
+    given = _with_new_name(words[: words.index("--ros-args")])
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
     with _noting_interrupts() as interrupts, _noting_changed_values():
@@ -53,6 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             alone = len(given) == 1 and given[0] in (*_PARTS, "log")
             given = given or ["--help"]
             arguments = parser(*given[:2]).parse_args([*given, "--help"] if alone else given)
+            from fame.cli import project
+
             arguments.command_line = shlex.join(["fame", *given])
             project.apply(arguments)
             register_types(arguments)
@@ -137,7 +138,7 @@ def parser(name: str = "", part: str = "") -> Parser:
     top = _Top(prog="fame")
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for group, declarations in COMMANDS.items() if name not in _HELP else [("mission", _of_room("")["mission"])]:
+    for group, declarations in COMMANDS.items() if name not in _HELP else ():
         if group in _PARTS and (name == group or name not in NAMES):
             about, example = _PARTS[group]
             made = add_group(commands, group, help=about, examples=(example,))
@@ -161,9 +162,10 @@ class _Top(Parser):
     """The parser of all commands, whose help is one screen."""
 
     def format_help(self) -> str:
-        (commands,) = (action.choices for action in self.arguments if isinstance(action.choices, dict))
+        from textwrap import wrap
+
         core = _of_room("")
-        missions = [f" {name:10}{commands[name].description}" for name in core["mission"]]
+        missions = [f" {name:10}{sentence(MISSION[name])}" for name in core["mission"]]
         return "\n".join(
             [
                 "usage: fame [-h] [--version] COMMAND ...",

@@ -7,9 +7,8 @@ import math
 from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from shutil import get_terminal_size
-from textwrap import fill
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from fame.errors import ConfigError, FameError, UnavailableError
@@ -22,6 +21,17 @@ if TYPE_CHECKING:
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The object that commands are added to."""
 ArgumentGroup: TypeAlias = "argparse._ArgumentGroup"
+MISSION = {
+    "new": "write a project: a mission of two robots, its world, tests, and fame.yaml",
+    "demo": "write a project of two cars that seek a target, and run it: picture, film, recording",
+    "run": "run a scenario (world, robots and model) or a model alone, in simulated time",
+    "test": "run tests of missions with pytest; --cov-model: coverage of the models",
+    "check": "report errors and likely mistakes in models and scenarios before anything moves",
+    "campaign": "run a scenario many times with other seeds and values: success rate, causes of failures",
+    "draw": "draw a model as SVG, with a log the path of that run; or a recording as a film",
+    "view": "show a mission in the browser: a recording, a model while you draw it, a running team",
+}
+"""The commands of a mission, which ``fame --help`` describes without loading them."""
 
 
 def _like(word: str, known: Iterable[str]) -> str:
@@ -33,11 +43,16 @@ def _like(word: str, known: Iterable[str]) -> str:
     return f"did you mean {named[close[0]]!r}?" if close else suggestion("", known)
 
 
+def _formatter(width: int) -> Any:
+    """The formatter of help in lines of that width: argparse would ask the terminal for each argument."""
+    return partial(argparse.RawDescriptionHelpFormatter, width=width)
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser that raises FameError instead of leaving the process."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+        super().__init__(formatter_class=_formatter(78), allow_abbrev=False, **options)
         self.given: list[tuple[argparse.Action, list[str]]] = []
 
     @property
@@ -46,8 +61,12 @@ class Parser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         """Give the help, its description in lines that fit the terminal; examples stay in one line each."""
-        description = self.description
-        self.description = fill(description, max(20, get_terminal_size().columns - 2)) if description else description
+        from shutil import get_terminal_size
+        from textwrap import fill
+
+        width, description = get_terminal_size().columns - 2, self.description
+        self.formatter_class = _formatter(width)
+        self.description = fill(description, max(20, width)) if description else description
         try:
             return super().format_help()
         finally:
@@ -94,10 +113,15 @@ class Version(argparse.Action):
 
 
 def command(
-    commands: Commands, name: str, function: Callable[[argparse.Namespace], int], *, help: str, examples: Sequence[str]
+    commands: Commands,
+    name: str,
+    function: Callable[[argparse.Namespace], int],
+    *,
+    examples: Sequence[str],
+    help: str = "",
 ) -> Parser:
     """Add a command that calls `function`. `help` is a sentence, `examples` are whole command lines."""
-    made = group(commands, name, help=help, examples=examples)
+    made = group(commands, name, help=help or MISSION[name], examples=examples)
     made.set_defaults(command=function, leaf=made)
     made.add_argument("--no-project", action="store_true", help="ignore fame.yaml, which has defaults for a project")
     return made
@@ -106,9 +130,12 @@ def command(
 def group(commands: Commands, name: str, *, help: str, examples: Sequence[str]) -> Parser:
     """Add a command that has subcommands."""
     lines = "\n".join(f"  {example}" for example in examples)
-    return commands.add_parser(
-        name, help=help, description=f"{help[0].upper()}{help[1:]}.", epilog=f"examples:\n{lines}"
-    )
+    return commands.add_parser(name, help=help, description=sentence(help), epilog=f"examples:\n{lines}")
+
+
+def sentence(help: str) -> str:
+    """Return what a command does, as a sentence."""
+    return f"{help[0].upper()}{help[1:]}."
 
 
 def number(expected: str, low: float, high: float) -> Callable[[str], float]:

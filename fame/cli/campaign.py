@@ -25,10 +25,7 @@ _count = whole("a whole number from 1 on", 1)
 
 
 def add(commands: Commands) -> None:
-    parser = command(
-        commands, "campaign", run, examples=_EXAMPLES,
-        help="run a scenario many times with other seeds and values: success rate, causes of failures",
-    )  # fmt: skip
+    parser = command(commands, "campaign", run, examples=_EXAMPLES)
     parser.add_argument(
         "scenario", nargs="?", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn",
         help="without it, the first scenario of the project (fame.yaml)",

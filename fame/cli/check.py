@@ -31,10 +31,7 @@ _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn
 
 
 def add(commands: Commands) -> None:
-    parser = command(
-        commands, "check", run, examples=_EXAMPLES,
-        help="report errors and likely mistakes in models and scenarios before anything moves",
-    )  # fmt: skip
+    parser = command(commands, "check", run, examples=_EXAMPLES)
     parser.add_argument(
         "models", type=Path, nargs="*", metavar="FILE",
         help="a model (.bpmn), - for one from stdin, or a scenario (.yaml) with its model; the files that fame split "

@@ -110,10 +110,7 @@ _DRAW_EXAMPLES = (
 
 
 def add_draw(commands: Commands) -> None:
-    parser = command(
-        commands, "draw", run_draw, examples=_DRAW_EXAMPLES,
-        help="draw a model as SVG, with a log the path of that run; or a recording as a film",
-    )  # fmt: skip
+    parser = command(commands, "draw", run_draw, examples=_DRAW_EXAMPLES)
     parser.add_argument(
         "model", type=Path, nargs="?", metavar="MODEL.bpmn|RUN.mcap", help="what an .svg shows, or a film"
     )

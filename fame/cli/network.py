@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
-import socket
-import struct
+import os
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -85,16 +84,21 @@ def interface(text: str) -> str:
         address = ipaddress.ip_address(text)
         if _is_here(address):
             return str(address)
-    names = [name for _, name in socket.if_nameindex()]
+    names = _interfaces()
     if text not in names:
         raise ArgumentTypeError(f"expected one of {', '.join(names)}, or an address of this machine, got {text!r}")
     return text
 
 
+def _interfaces() -> list[str]:
+    import socket
+
+    return [name for _, name in socket.if_nameindex()]
+
+
 def interface_of(name: str) -> str | None:
     """Return the name of the network interface that has a name or an address; None if it is not found."""
-    names = [name for _, name in socket.if_nameindex()]
-    if name in names:
+    if name in _interfaces():
         return name
     with suppress(ValueError):
         address = ipaddress.ip_address(name)
@@ -108,6 +112,8 @@ def interface_of(name: str) -> str | None:
 def addresses_4() -> dict[ipaddress.IPv4Address | ipaddress.IPv6Address, str]:
     """Return the IPv4 addresses of this machine, and the name of the interface of each."""
     import fcntl
+    import socket
+    import struct
     from array import array
 
     size = struct.calcsize("16sPPP")  # of struct ifreq <linux/if.h>
@@ -151,16 +157,13 @@ def zenoh_config(text: str) -> str:
 
 def _is_here(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
     """Whether an interface of this machine has the address."""
+    import socket
+
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6
     with socket.socket(family, socket.SOCK_DGRAM) as end, suppress(OSError):
         end.bind((str(address), 0))
         return not address.is_unspecified
     return False
-
-
-def without_ros_arguments(words: Sequence[str]) -> list[str]:
-    """Remove ``--ros-args`` and everything after it, which launch files append."""
-    return list(words[: words.index("--ros-args")] if "--ros-args" in words else words)
 
 
 @contextmanager
@@ -207,4 +210,4 @@ def person() -> str:
         user = getpass.getuser()
     except (OSError, KeyError, ImportError):  # no name for this user id
         user = "unknown"
-    return f"{user}@{socket.gethostname()}"
+    return f"{user}@{os.uname().nodename}"

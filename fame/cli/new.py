@@ -24,7 +24,7 @@ DEMO = "ground_vehicles"
 
 def add_new(commands: Commands) -> None:
     parser = command(
-        commands, "new", run_new, help="write a project: a mission of two robots, its world, tests, and fame.yaml",
+        commands, "new", run_new,
         examples=("fame new hospital", "fame new --from warehouse depot", "fame new dock --from timeout_and_retry"),
     )  # fmt: skip
     parser.add_argument("name", nargs="?", metavar="NAME", help="name of the project, and of its new folder")
@@ -37,10 +37,7 @@ def add_new(commands: Commands) -> None:
 
 
 def add_demo(commands: Commands) -> None:
-    command(
-        commands, "demo", run_demo, examples=("fame demo",),
-        help="write a project of two cars that seek a target, and run it: picture, film, recording",
-    )  # fmt: skip
+    command(commands, "demo", run_demo, examples=("fame demo",))
 
 
 def run_new(arguments: Namespace) -> int:

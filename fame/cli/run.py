@@ -49,10 +49,7 @@ _SPARE = ("process", "model", "publishers", "instances", "since", "token at")
 
 
 def add(commands: Commands) -> None:
-    parser = command(
-        commands, "run", run, examples=_EXAMPLES,
-        help="run a scenario (world, robots and model) or a model alone, in simulated time",
-    )  # fmt: skip
+    parser = command(commands, "run", run, examples=_EXAMPLES)
     parser.add_argument(
         "scenario", type=Path, nargs="?", metavar="SCENARIO.yaml|MODEL.bpmn",
         help="without it, the first scenario of the project (fame.yaml)",

@@ -27,10 +27,7 @@ it is 3."""
 
 
 def add(commands: Commands) -> None:
-    parser = command(
-        commands, "test", run, examples=_EXAMPLES,
-        help="run tests of missions with pytest; --cov-model: coverage of the models",
-    )  # fmt: skip
+    parser = command(commands, "test", run, examples=_EXAMPLES)
     parser.add_argument(
         "paths", nargs="*", metavar="PATH",
         help="files and folders of tests; without any, those of the project (fame.yaml), whose coverage is demanded",

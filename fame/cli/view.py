@@ -53,10 +53,7 @@ _EXAMPLES = (
 
 
 def add(commands: Commands) -> None:
-    parser = command(
-        commands, "view", run, examples=_EXAMPLES,
-        help="show a mission in the browser: a recording, a model while you draw it, a running team",
-    )  # fmt: skip
+    parser = command(commands, "view", run, examples=_EXAMPLES)
     parser.add_argument(
         "subject", type=Path, nargs="?", metavar="RUN.mcap|FOLDER|MODEL.bpmn|SCENARIO.yaml",
         help="what to show (of a folder: heat maps of all its recordings); without it, the team on the network",
