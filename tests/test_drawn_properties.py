@@ -52,6 +52,13 @@ def model(tmp_path: Path) -> Path:
     return tmp_path / "m.bpmn"
 
 
+@pytest.mark.parametrize("robot", ["Weed Robot", "R2/D2", "some", "say &quot;x&quot;"])
+def test_a_deadline_counts_for_a_robot_with_any_name(model: Path, robot: str) -> None:
+    named = mission('<startEvent id="S"/>' + wait("W", 2, LATE) + flows("S W")).replace('name="A"', f'name="{robot}"')
+    model.write_text(named)
+    assert judged(model) == {"deadline_W": ("violated", 1.0)}
+
+
 @pytest.mark.parametrize("apart", [True, False])
 def test_a_deadline_of_a_called_process_counts_for_each_call(
     model: Path, apart: bool, capsys: pytest.CaptureFixture[str]

@@ -31,7 +31,7 @@ from fame.clock import EPOCH
 from fame.errors import ConfigError, ModelError
 from fame.iso8601 import add, nanoseconds_between, parse_duration
 from fame.properties.conditions import subjects
-from fame.properties.grammar import parse
+from fame.properties.grammar import STARTS, parse, quoted
 from fame.properties.sentence import Location, Property
 
 KEY = "deadline"
@@ -199,7 +199,8 @@ def _duration(element: Element, file: str) -> int:
 
 
 def _deadline(robot: str, element: Element, id: str, file: str, name: str) -> Property:
-    what = f' "{id}"' if id else ""
+    what = f" {quoted(id)}" if id else ""
+    robot = robot if re.fullmatch(r"[^\W\d]\w*", robot) and robot not in STARTS else quoted(robot)
     milliseconds = _duration(element, file) // _MILLISECOND
     sentence = f"after {robot} starts{what}, {robot} ends{what} within {milliseconds} ms"
     return parse(sentence, Location(file, element.line), name)

@@ -15,7 +15,7 @@ _TOKEN = re.compile(
 _OPERATORS = ("<", "<=", ">", ">=", "==", "!=")
 _VERBS = ("starts", "completes", "fails", "is cancelled", "ends", "throws", "catches", "reports")
 _UNITS = {"ms": 1e6, "s": 1e9, "min": 60e9, "h": 3600e9}
-_STARTS = ("after", "between", "always", "never", "exists", "some")
+STARTS = ("after", "between", "always", "never", "exists", "some")
 _LONGEST = 1000
 """Characters of a sentence."""
 
@@ -28,6 +28,11 @@ class _Token(NamedTuple):
     @property
     def shown(self) -> str:
         return "the end of the sentence" if self.kind == "end" else repr(self.text)
+
+
+def quoted(text: str) -> str:
+    """Return a text in quotation marks."""
+    return '"' + re.sub(r'(["\\])', r"\\\1", text) + '"'
 
 
 def parse(text: str, place: Location = NOWHERE, name: str = "") -> Property:
@@ -142,7 +147,7 @@ class _Parser:
             return self._never()
         if self._skip("exists"):
             return self._existence(self._event())
-        main = self._event(_STARTS)
+        main = self._event(STARTS)
         if self._skip("only after"):
             return {"pattern": "only after", "main": main, "other": self._event()}
         if self._skip("each"):
