@@ -28,7 +28,7 @@ from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration
 from fame.monitor.pipeline.processors import PROCESSORS
 from fame.monitor.pipeline.train import Training
-from fame.rooms import COMMANDS
+from fame.rooms import COMMANDS, ROOMS
 from fame.scenario import plan, variation
 from fame.scenario.settings import NETWORK_KEYS
 from fame.scripting.feel.functions.collections import COLLECTIONS, CONTEXTS
@@ -224,6 +224,58 @@ def feel() -> Iterator[str]:
         yield from ("", f"**{title}:** {', '.join(dict.fromkeys(calls))}")
 
 
+# ---- what is executed and refused ------------------------------------------------------------------------------------
+
+PLACES = (
+    "process start", "event sub-process, interrupting", "event sub-process, not interrupting", "catch", "throw", "end",
+    "boundary, interrupting", "boundary, not interrupting",
+)  # fmt: skip
+
+
+def tested(module: str) -> Any:
+    """A module of the tests, which have what a table is about."""
+    if (folder := str(Path(__file__).parent.parent / "tests")) not in sys.path:
+        sys.path.insert(0, folder)
+    return import_module(module)
+
+
+def elements() -> Iterator[str]:
+    """What the engine says of each event in each place, and of each activity: yes, a dash, or a letter."""
+    page = tested("test_semantics_page")
+    letters = {message: letter for letter, message in page.MESSAGES.items()}
+
+    def cell(said: str, row: str) -> str:
+        name = {"compensation": "compensate"}.get(row, row)
+        if said.startswith(f"{name} events cannot be "):
+            return str(page.NEVER)
+        said = "error events cannot start a process" if said == f"{name} events cannot start a process" else said
+        return letters[said] if said else "yes"
+
+    kinds = ("once", *page.LOOPS, "as a compensation handler")
+    for corner, rows, columns, made in (
+        ("trigger or result", page.DEFINITIONS, PLACES, page.event),
+        ("activity", page.ACTIVITIES, kinds, page.activity),
+    ):  # fmt: skip
+        yield from ("", f"| {corner} | {' | '.join(columns)} |", "| --- " * (len(columns) + 1) + "|")
+        yield from (
+            f"| {row} | {' | '.join(cell(page.refusal(made(row, of)), row) for of in columns)} |" for row in rows
+        )
+
+
+def refusals() -> Iterator[str]:
+    """The messages of what is refused, but for those with a letter."""
+    page = tested("test_semantics_page")
+    yield from (f"- {escaped(message)}" for message in page.REFUSED if message not in page.MESSAGES.values())
+
+
+def rooms() -> Iterator[str]:
+    """The rooms around the core."""
+    yield from ("| room | modules | for | extra |", "| --- | --- | --- | --- |")
+    for name, room in ROOMS.items():
+        modules = ", ".join(f"`{module}`" for module in room.modules)
+        yield f"| {name} | {modules} | {room.about} | {f'`{room.extra}`' if room.extra else ''} |"
+
+
 # ---- findings of checks ----------------------------------------------------------------------------------------------
 
 CASES = {
@@ -238,10 +290,9 @@ CASES = {
 
 def findings(level: str) -> Iterator[str]:
     """What `fame check` says, by the names that tests give to the problems."""
-    sys.path[:0] = [str(Path(__file__).parent.parent / "tests")]
     rows: dict[str, str] = {}
     for module, name in CASES[level].items():
-        for problem, (_, message) in getattr(import_module(module), name).items():
+        for problem, (_, message) in getattr(tested(module), name).items():
             rows.setdefault(message.partition(": ")[2].replace("|", chr(92) + "|"), escaped(problem))
     yield from ("| problem | example |", "| --- | --- |", *(f"| {name} | {text} |" for text, name in rows.items()))
 
@@ -326,6 +377,9 @@ FILES: Mapping[str, Mapping[str, Mapping[str, str]]] = {
 """The tables of the validators."""
 GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {
     "commands": commands,
+    "elements": elements,
+    "refusals": refusals,
+    "rooms": rooms,
     "errors": partial(findings, "errors"),
     "warnings": partial(findings, "warnings"),
     "feel": feel,

@@ -127,6 +127,8 @@ def test_the_reference_of_yaml_keys_has_the_tables_of_the_validators_and_no_page
 
 
 GENERATED_PAGES = (
+    "architecture",
+    "semantics_tables",
     "check_errors",
     "check_warnings",
     "commands",
