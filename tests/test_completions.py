@@ -55,6 +55,17 @@ def test_python_and_the_command_line_say_the_same(model: Path, capsys) -> None:
     assert Scenario.load(model, completions=[SIGN, LOAD]).run().to_json() | {"wall": 0} == told
 
 
+def test_a_robot_may_have_a_name_of_several_words(model: Path, capsys) -> None:
+    model.write_text(MODEL.replace("PORTER", "Old Porter"))
+    words = ["--complete", "Old Porter@1:sign:by=Ada", "--complete", "Old Porter@2:load"]
+    assert main(["run", str(model), *words]) == 0
+    assert "Ada at 2.0" in capsys.readouterr().err
+    assert main(["run", str(model), *words, "--fault", "Old Porter@0.5:engine"]) == 1
+    assert "its engine died at 0.5 s" in capsys.readouterr().err
+    assert main(["run", str(model), "--partition", "Old Porter,Q@1-2"]) == 2
+    assert "unknown robot 'Q'" in capsys.readouterr().err
+
+
 def test_several_values_may_be_lists_and_texts(model: Path, capsys) -> None:
     text = "PORTER@1:sign:by=[Ada, Bob],approved=true,why=it is due, now"
     assert main(["run", str(model), "--json", "--complete", text, "--complete", "PORTER@2:load"]) == 0

@@ -62,7 +62,7 @@ def _robots(text: str) -> tuple[str, int]:
 
 def _fault(text: str) -> tuple[str, float, str]:
     """``Tractor_2@40:engine``."""
-    found = re.fullmatch(r"(\S+)@([0-9]+\.?[0-9]*):(\w+)", text)
+    found = re.fullmatch(r"(\S.*)@([0-9]+\.?[0-9]*):(\w+)", text)
     if found is None:
         raise ArgumentTypeError(f"expected ROBOT@SECOND:KIND, as in Tractor_2@40:engine, got {text!r}")
     return found[1], float(found[2]), found[3]
@@ -72,7 +72,7 @@ def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
     """``PORTER@12:Task_Sign:approved=true,count=3``."""
     from fame.cli.robots import value
 
-    found = re.fullmatch(r"(\S+?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
+    found = re.fullmatch(r"(\S.*?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
     if found is None:
         right = "ROBOT@SECOND:ELEMENT[:NAME=VALUE,...] as in REX@12:Task_Sign:approved=true"
         raise ArgumentTypeError(f"expected {right}, got {text!r}")
@@ -105,7 +105,7 @@ def _seconds(text: str) -> float:
 
 def _partition(text: str) -> tuple[str, str, float, float]:
     """``REX,DINGO@30-60``."""
-    found = re.fullmatch(r"([^,@\s]+),([^,@\s]+)@([0-9]+\.?[0-9]*)-([0-9]+\.?[0-9]*)", text)
+    found = re.fullmatch(r"([^,@]*[^,@\s]),\s*([^,@]*[^,@\s])@([0-9]+\.?[0-9]*)-([0-9]+\.?[0-9]*)", text)
     if found is None or found[1] == found[2] or float(found[3]) >= float(found[4]):
         raise ArgumentTypeError(f"expected ROBOT,ROBOT@FROM-TO, as in REX,DINGO@30-60, got {text!r}")
     return found[1], found[2], float(found[3]), float(found[4])
