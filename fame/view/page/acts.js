@@ -1,4 +1,5 @@
-// What a person does at a token: completes a task with a form, retries, skips, sets, moves. Buttons wherever the token is shown.
+// What a person does at a token: completes a task with a form, retries, skips, sets, moves. Buttons wherever the
+// token is shown.
 
 import { h } from "./dom.js";
 import { ask, guessed } from "./form.js";

@@ -58,7 +58,8 @@ export class Axis {
     const end = timeline.reach;
     const known = this.density;
     const same = known !== undefined && known.width === timeline.width && known.dark === isDark();
-    if (same && (known.version === store.version || performance.now() < known.pause)) return; // a long run is being loaded: not for each of its blocks
+    // a long run is being loaded: not for each of its blocks
+    if (same && (known.version === store.version || performance.now() < known.pause)) return;
     const begun = performance.now();
     const values = this.densities(start, end, timeline.width);
     this.strip ??= document.createElement("canvas");

@@ -1,4 +1,5 @@
-// A model that a running team could change to: dropped on the page of the team; on a page of its own what it would do, then Deploy or Migrate.
+// A model that a running team could change to: dropped on the page of the team; on a page of its own what it would
+// do, then Deploy or Migrate.
 
 import { h, icon, s, show } from "./dom.js";
 import { ask } from "./form.js";

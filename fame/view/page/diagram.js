@@ -1,4 +1,5 @@
-// The diagrams: FAME's SVG, with tokens, outcomes and findings on it. Zoom, pan, and a breadcrumb into called processes.
+// The diagrams: FAME's SVG, with tokens, outcomes and findings on it. Zoom, pan, and a breadcrumb into called
+// processes.
 
 import { arrange, h, s, icon, robotColour, show } from "./dom.js";
 import { Names, Pins } from "./names.js";
@@ -427,9 +428,15 @@ export class Diagram {
     for (const [number, group] of plane.groups) {
       const [done, failed, cancelled] = counts.get(number) ?? [0, 0, 0];
       const outcome = failed ? "failed" : done ? "completed" : cancelled ? "cancelled" : "";
-      const classes = `${outcome && `is-${outcome}`} ${tokens.has(number) ? "is-active" : ""} ${number === element ? "is-chosen" : ""} ${
-        this.app.breakpoints.has(number) ? "has-breakpoint" : ""
-      } ${named.has(number) ? "is-named" : ""}`;
+      const classes = [
+        outcome && `is-${outcome}`,
+        tokens.has(number) && "is-active",
+        number === element && "is-chosen",
+        this.app.breakpoints.has(number) && "has-breakpoint",
+        named.has(number) && "is-named",
+      ]
+        .filter(Boolean)
+        .join(" ");
       if (plane.classes.get(number) === classes) continue;
       plane.classes.set(number, classes);
       group.classList.remove(

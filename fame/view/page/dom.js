@@ -2,7 +2,10 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** What an element does at an event. It is looked up when the event comes: `renew` gives an element what a later one does. */
+/**
+ * What an element does at an event. It is looked up when the event comes: `renew` gives an element what a later one
+ * does.
+ */
 function listen(element, type, action) {
   element.actions ??= new Map();
   if (!element.actions.has(type)) element.addEventListener(type, (event) => element.actions.get(type)?.(event));
@@ -45,23 +48,25 @@ const ICONS = {
   maximise: "M14 4h6v6M10 20H4v-6M20 4l-7 7M4 20l7-7",
   plus: "M12 5v14M5 12h14",
   minus: "M5 12h14",
-  link: "M10 14a4 4 0 0 0 5.7 0l3-3a4 4 0 0 0-5.7-5.7l-1 1M14 10a4 4 0 0 0-5.7 0l-3 3A4 4 0 0 0 11 18.700l1-1",
-  moon: "M20 14.500A8 8 0 1 1 9.500 4a6.500 6.500 0 0 0 10.500 10.500z",
-  help: "M9.200 9a3 3 0 1 1 4.300 2.700c-.9.500-1.500 1.100-1.500 2.300M12 17.500v.010M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18z",
+  link: "M10 14a4 4 0 0 0 5.7 0l3-3a4 4 0 0 0-5.7-5.7l-1 1M14 10a4 4 0 0 0-5.7 0l-3 3A4 4 0 0 0 11 18.7l1-1",
+  moon: "M20 14.5A8 8 0 1 1 9.5 4a6.5 6.5 0 0 0 10.5 10.5z",
+  help: "M9.2 9a3 3 0 1 1 4.3 2.7c-.9.5-1.5 1.1-1.5 2.3M12 17.5v.01M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18z",
   plot: "M4 19h16M5 15l4-5 4 3 6-8",
   close: "M6 6l12 12M18 6L6 18",
   up: "M12 19V6M6 11l6-6 6 6",
   step: "M5 12h11M12 7l5 5-5 5M20 5v14",
-  branch: "M7 4v16M7 14c0-4 10-2 10-8M17 6a2 2 0 1 0 0-.010M7 4a2 2 0 1 0 0-.010",
+  branch: "M7 4v16M7 14c0-4 10-2 10-8M17 6a2 2 0 1 0 0-.01M7 4a2 2 0 1 0 0-.01",
   bolt: "M13 3L5 14h6l-1 7 8-11h-6z",
-  team: "M9 11a3.500 3.500 0 1 0 0-7 3.500 3.500 0 0 0 0 7zM3 20c0-4 2.500-6 6-6s6 2 6 6M16 11a3 3 0 1 0-1-5.800M17 14c2.500.5 4 2.500 4 6",
-  person: "M12 12a4 4 0 1 0 0-8 4 4 0 0 0 0 8zM5 20.500c0-4 3-6 7-6s7 2 7 6",
-  alert: "M12 3.500L2.500 20h19zM12 10v4.500M12 17.200v.010",
-  check: "M5 12.500l4.500 4.500L19 7",
-  off: "M5 5l14 14M4 12a11 11 0 0 1 4-4M20 12a11 11 0 0 0-7-5M8.500 15.500a5 5 0 0 1 6 0M12 19.500v.010",
-  map: "M9 4L3 6.500v13.500l6-2.500 6 2.500 6-2.500V4l-6 2.500zM9 4v13.500M15 6.500V20",
+  team:
+    "M9 11a3.5 3.5 0 1 0 0-7 3.5 3.5 0 0 0 0 7zM3 20c0-4 2.5-6 6-6s6 2 6 6M16 11a3 3 0 1 0-1-5.8" +
+    "M17 14c2.5.5 4 2.5 4 6",
+  person: "M12 12a4 4 0 1 0 0-8 4 4 0 0 0 0 8zM5 20.5c0-4 3-6 7-6s7 2 7 6",
+  alert: "M12 3.5L2.5 20h19zM12 10v4.5M12 17.2v.01",
+  check: "M5 12.5l4.5 4.5L19 7",
+  off: "M5 5l14 14M4 12a11 11 0 0 1 4-4M20 12a11 11 0 0 0-7-5M8.5 15.5a5 5 0 0 1 6 0M12 19.5v.01",
+  map: "M9 4L3 6.5v13.5l6-2.5 6 2.5 6-2.5V4l-6 2.5zM9 4v13.5M15 6.5V20",
   flow: "M3 9h6v6H3zM15 9h6v6h-6zM9 12h6",
-  list: "M8 6h13M8 12h13M8 18h13M3.500 6h.010M3.500 12h.010M3.500 18h.010",
+  list: "M8 6h13M8 12h13M8 18h13M3.5 6h.01M3.5 12h.01M3.5 18h.01",
   send: "M4 12l16-8-6 16-3-6z",
   dot: "M12 7a5 5 0 1 0 0 10 5 5 0 0 0 0-10z",
 };
@@ -190,7 +195,10 @@ export function swatch(index) {
 
 const variables = new Map();
 
-/** The value of a CSS variable. The browser is asked once for each theme: it would bring its styles up to date each time. */
+/**
+ * The value of a CSS variable. The browser is asked once for each theme: it would bring its styles up to date each
+ * time.
+ */
 export function css(name) {
   const key = `${document.documentElement.dataset.theme} ${name}`;
   if (!variables.get(key)) variables.set(key, getComputedStyle(document.documentElement).getPropertyValue(name).trim());

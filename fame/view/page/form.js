@@ -24,7 +24,10 @@ export function guessed(text) {
   }
 }
 
-/** The inputs of a field {key, label, kind, required, min, max, minLength, maxLength, pattern, options, value, unit, help}. */
+/**
+ * The inputs of a field {key, label, kind, required, min, max, minLength, maxLength, pattern, options, value, unit,
+ * help}.
+ */
 function made(field) {
   const { kind = "text", options = [], required, value } = field;
   const common = { required: Boolean(required), "aria-describedby": null };
@@ -103,7 +106,9 @@ function made(field) {
   ];
 }
 
-/** The parts of a form for some fields, and what reads their values: by key, of dotted keys as objects inside objects. */
+/**
+ * The parts of a form for some fields, and what reads their values: by key, of dotted keys as objects inside objects.
+ */
 export function formOf(fields) {
   const parts = [];
   const readers = [];

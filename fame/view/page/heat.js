@@ -1,4 +1,5 @@
-// Heat maps: what each element did in many recorded runs, as colours and numbers on the diagram. A click lists the runs.
+// Heat maps: what each element did in many recorded runs, as colours and numbers on the diagram. A click lists the
+// runs.
 
 import { h, s, show } from "./dom.js";
 

@@ -1,4 +1,5 @@
-// The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages and log.
+// The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages
+// and log.
 
 import { h, icon, clock, duration, isDark, renew, swatch } from "./dom.js";
 import { nameOf } from "./roster.js";
@@ -97,7 +98,10 @@ export class Inspector {
     );
   }
 
-  /** Lay out a variable that nobody sees: the browser looks for fonts when it first needs them, and the first jump would wait. */
+  /**
+   * Lay out a variable that nobody sees: the browser looks for fonts when it first needs them, and the first jump would
+   * wait.
+   */
   warm() {
     const sample = h(
       "div",
@@ -396,7 +400,10 @@ export class Inspector {
     );
   }
 
-  /** What the robots do that publish what a token waits for, to the end: `path` are those that wait here, `told` all that were told. */
+  /**
+   * What the robots do that publish what a token waits for, to the end: `path` are those that wait here, `told` all
+   * that were told.
+   */
   senders(state, wait, time, path, told) {
     const { robots } = this.app.mission;
     const found = [...new Set(sendersOf(wait).map((node) => robots.findIndex(({ name }) => node === name)))].filter(
@@ -448,7 +455,8 @@ export class Inspector {
         this.robot(r),
         " waits at ",
         wait.e >= 0 ? this.element(wait.e, state.openers(r, wait.scope)) : wait.element,
-        `, ${duration(Math.max(0, time - wait.since))}, ${wait.suspended ? `suspended by ${wait.by}` : ["for " + reason(wait), ...troubles(wait, time)].join("; ")}`,
+        `, ${duration(Math.max(0, time - wait.since))}, `,
+        wait.suspended ? `suspended by ${wait.by}` : [`for ${reason(wait)}`, ...troubles(wait, time)].join("; "),
         this.senders(state, wait, time, [...path, r], told),
       ),
     );

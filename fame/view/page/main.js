@@ -77,7 +77,8 @@ class App {
     await this.load(await this.fetch("mission.json"));
     this.fromLink();
     this.listen();
-    addEventListener("hashchange", (event) => this.fromLink(new URL(event.newURL).hash)); // the address may be replaced meanwhile
+    // the address may be replaced meanwhile
+    addEventListener("hashchange", (event) => this.fromLink(new URL(event.newURL).hash));
     this.inspector.warm();
     this.prefetch();
   }
@@ -388,7 +389,8 @@ class App {
     const { time } = this.player;
     this.state = this.store.stateAt(time);
     if (moved) this.saveLink();
-    if (this.player.playing && !this.player.following) this.redraw(); // the end of a run that is followed moves with the news
+    // the end of a run that is followed moves with the news
+    if (this.player.playing && !this.player.following) this.redraw();
     const jumped = this.missing !== null;
     if (this.isMissing(begun)) {
       // it comes soon: whatever is drawn meanwhile would delay it
@@ -535,7 +537,8 @@ class App {
           h(
             "li",
             null,
-            "Bars are elements in progress: filled for activities, dashed where a token waits, hatched if cancelled, with a red border and ✕ if failed.",
+            "Bars are elements in progress: filled for activities, dashed where a token waits, ",
+            "hatched if cancelled, with a red border and ✕ if failed.",
           ),
           h(
             "li",

@@ -194,7 +194,10 @@ export class Names {
   }
 }
 
-/** The names of pools and lanes, in their band (left, or above where they are drawn upright) or, where that is out of sight, at the edge: they stay while one scrolls. */
+/**
+ * The names of pools and lanes, in their band (left, or above where they are drawn upright) or, where that is out of
+ * sight, at the edge: they stay while one scrolls.
+ */
 export class Pins {
   constructor({ groups, shapes }) {
     this.node = s("g", { cls: "pins" });
@@ -204,7 +207,8 @@ export class Pins {
       const text = [...banner.querySelectorAll("tspan")].map((one) => one.textContent).join(" ");
       const turned = /rotate/.test(banner.getAttribute("transform"));
       banner.remove();
-      return [{ number, text, box: shapes.get(number), turned, over: turned ? 0 : 1 }]; // over: the axis, x or y, that the band lies across
+      // over: the axis, x or y, that the band lies across
+      return [{ number, text, box: shapes.get(number), turned, over: turned ? 0 : 1 }];
     });
     this.frames.forEach((one) => {
       one.depth = this.frames.filter(

@@ -1,4 +1,5 @@
-// The panes of a desk: splitters between them, moved by pointer or keys and collapsed by Enter; one of them takes the whole page.
+// The panes of a desk: splitters between them, moved by pointer or keys and collapsed by Enter; one of them takes the
+// whole page.
 
 import { byId, h, icon } from "./dom.js";
 
@@ -14,7 +15,8 @@ const KEPT = "fame-panes";
 export class Panes {
   constructor(app) {
     this.app = app;
-    this.sizes = JSON.parse(localStorage.getItem(KEPT) ?? "{}"); // % of what is after a splitter, by its name and the tab
+    // % of what is after a splitter, by its name and the tab
+    this.sizes = JSON.parse(localStorage.getItem(KEPT) ?? "{}");
     this.splitters = SPLITS.map((split) => this.splitter(...split));
     byId("work").append(...this.splitters.slice(0, 2));
     byId("work").after(h("section", { cls: "between", "aria-label": "Splitter" }, this.splitters[2]));
@@ -114,7 +116,9 @@ export class Panes {
     );
   }
 
-  /** Give a panel the whole page, or its place again; without one, the panel that has the focus, or was clicked last. */
+  /**
+   * Give a panel the whole page, or its place again; without one, the panel that has the focus, or was clicked last.
+   */
   maximise(
     panel = document.activeElement.closest(".panel") ??
       document.querySelector(".panel.max, .panel:hover") ??

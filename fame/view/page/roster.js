@@ -38,7 +38,10 @@ const PROGRESS = [
 /** The people that have to do something at a token: it waits for somebody to complete it, or to repair it. */
 export const needsSomebody = (wait) => wait.kind === "incident" || (wait.kind === "user" && !wait.suspended);
 
-/** A row for each robot: {r, name, state, doing, progress, since, battery, open: tokens that need somebody, missed, failed: how many of its instances did}. */
+/**
+ * A row for each robot: {r, name, state, doing, progress, since, battery, open: tokens that need somebody, missed,
+ * failed: how many of its instances did}.
+ */
 export function roster(app, state, time) {
   const rows = app.mission.robots.map(({ name }, r) => ({
     r,
@@ -49,7 +52,8 @@ export function roster(app, state, time) {
   for (const token of state.tokens.values()) rows[token.r]?.tokens.push(token);
   const lost = app.lost(time);
   for (const row of rows) describe(app, state, time, row, lost.get(row.name));
-  const longest = (a, b) => (WANTED.has(a.state) ? a.since - b.since : 0); // the others keep their places while they work
+  // the others keep their places while they work
+  const longest = (a, b) => (WANTED.has(a.state) ? a.since - b.since : 0);
   return rows.sort(
     (a, b) => STATES.indexOf(a.state) - STATES.indexOf(b.state) || longest(a, b) || byName.compare(a.name, b.name),
   );
@@ -65,7 +69,8 @@ function describe(app, state, time, row, lost) {
   else if (row.open.length) row.state = "waiting";
   else if (suspended) row.state = "suspended";
   else if (row.tokens.length) row.state = "running";
-  else row.state = failed ? "failed" : last in STATE_WORDS ? last : "completed"; // one that failed stays, whatever completed after it
+  // one that failed stays, whatever completed after it
+  else row.state = failed ? "failed" : last in STATE_WORDS ? last : "completed";
   row.by = suspended?.by ?? "";
   if (row.open.length) row.since = Math.min(...row.open.map((wait) => wait.since));
   row.battery = battery(app, state, row, time);

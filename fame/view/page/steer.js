@@ -1,4 +1,5 @@
-// Taking a robot over: its mission is suspended, keys and a pad steer the robot, then the mission continues. The dead man is in the robot.
+// Taking a robot over: its mission is suspended, keys and a pad steer the robot, then the mission continues. The dead
+// man is in the robot.
 
 import { h, icon, renew } from "./dom.js";
 import { drawn, nameOf } from "./roster.js";
@@ -46,7 +47,10 @@ export class Steer {
     this.keep(this.held);
   }
 
-  /** Prolong the lease each second; once that is not possible the robot has stopped, and somebody may take it over again. */
+  /**
+   * Prolong the lease each second; once that is not possible the robot has stopped, and somebody may take it over
+   * again.
+   */
   async keep(held) {
     for (;;) {
       await new Promise((done) => setTimeout(done, RENEWAL));

@@ -43,7 +43,8 @@ export class State {
     this.scopes = new Map(key.scopes.map(scopeFrom));
     this.variables = new Map();
     this.waits = new Map(key.waits.map(([r, tokens]) => [r, new Map(tokens.map((token) => [token.key, token]))]));
-    this.ends = new Map((key.ends ?? []).map(([r, ...ends]) => [r, ends])); // robot -> [ended, failed, how and when the last one ended]
+    // robot -> [ended, failed, how and when the last one ended]
+    this.ends = new Map((key.ends ?? []).map(([r, ...ends]) => [r, ends]));
     this.poses = new Map(key.poses);
     this.world = new Map(Object.entries(key.world));
     for (const [r, i, s, e, n, since] of key.tokens) this.tokens.set(`${r}/${i}/${s}/${e}`, { r, i, s, e, n, since });
@@ -173,7 +174,10 @@ export class State {
   }
 }
 
-/** The blocks of a run, and who loads them. `onchange` is called after a block has come, with its number; -1 if it was made for an instant. */
+/**
+ * The blocks of a run, and who loads them. `onchange` is called after a block has come, with its number; -1 if it was
+ * made for an instant.
+ */
 export class Store {
   constructor(load, peek = null) {
     this.load = load;
@@ -381,7 +385,8 @@ function prepared(data) {
     scopeIndex: new Map(data.key.scopes.map(scopeFrom)),
   };
   block.held = new Set(data.key.tokens.map(([r, i, s, e]) => `${r}/${i}/${s}/${e}`)); // where tokens are at its start
-  block.columns = Object.fromEntries(COLUMNS.map((name) => [name, data[name]])); // not copied: `extend` adds nothing that is there
+  // not copied: `extend` adds nothing that is there
+  block.columns = Object.fromEntries(COLUMNS.map((name) => [name, data[name]]));
   for (const name of LISTS) block[name] = data[name];
   block.scopes = [];
   extend(block, data);

@@ -1,4 +1,5 @@
-// What the page shows: the team and what people have to do, or the mission in detail. On phones and tablets one panel at a time.
+// What the page shows: the team and what people have to do, or the mission in detail. On phones and tablets one panel
+// at a time.
 
 import { h, icon } from "./dom.js";
 

@@ -245,7 +245,8 @@ export class Team {
         "p",
         { cls: "quiet" },
         swatch(row.r),
-        ` ${row.name}${place ? `, in ${place}` : ""}${ask.whose ? ` · for ${ask.whose}` : ""} · since ${ago(time - wait.since)}`,
+        ` ${row.name}${place ? `, in ${place}` : ""}`,
+        `${ask.whose ? ` · for ${ask.whose}` : ""} · since ${ago(time - wait.since)}`,
         left === null
           ? null
           : h("b", { cls: left < 0 ? "late" : "due" }, left < 0 ? ` · ${ago(-left)} late` : ` · due in ${ago(left)}`),

@@ -25,7 +25,8 @@ export class Timeline {
     this.until = 1e9;
     this.shown = -1; // the instant that was shown last
     this.width = 10; // of the lanes, when they were drawn last
-    this.size = { width: 0, height: 0, scroll: 0 }; // of the box and the lanes: to ask the browser would make it lay out the page
+    // of the box and the lanes: to ask the browser would make it lay out the page
+    this.size = { width: 0, height: 0, scroll: 0 };
     this.whole = true;
     this.levels = 2;
     this.rows = new Map(); // "robot/depth" -> Map element -> row
@@ -236,7 +237,15 @@ export class Timeline {
 
   label(lanes, plotsTop) {
     const { mission, selected } = this.app;
-    const key = `${lanes.map(({ top, height }) => `${top}+${height}`)}|${selected.robot}|${isDark()}|${mission.robots.length}|${this.plots.key}|${this.properties.key}|${this.properties.lanes.map((lane) => lane.word)}`;
+    const key = [
+      lanes.map(({ top, height }) => `${top}+${height}`),
+      selected.robot,
+      isDark(),
+      mission.robots.length,
+      this.plots.key,
+      this.properties.key,
+      this.properties.lanes.map((lane) => lane.word),
+    ].join("|");
     if (key !== this.labelKey) {
       this.labelKey = key;
       this.captions = [];
@@ -301,7 +310,7 @@ export class Timeline {
     }
     if (this.painting === null) return;
     // What only has more in it is painted in slices, so that no jump waits for it; what was asked for, at once.
-    let done = false;
+    let done;
     do ({ done } = this.painting.next());
     while (!done && (!same || performance.now() < frame + SLICE));
     this.paintCost += performance.now() - begun;
@@ -374,8 +383,10 @@ export class Timeline {
 
   drawSpans(context, { data, end, number }, lanes, last, hits) {
     const following = this.app.store.blocks[number + 1];
-    const goesOn = Boolean(following?.data) && following.start <= this.until; // then the next block draws what is under way
-    const now = following ? end : Math.max(end, this.app.store.end); // what is under way goes on, also if nothing is new
+    // then the next block draws what is under way
+    const goesOn = Boolean(following?.data) && following.start <= this.until;
+    // what is under way goes on, also if nothing is new
+    const now = following ? end : Math.max(end, this.app.store.end);
     const { elements } = this.app.mission;
     const { element: chosen } = this.app.selected;
     const width = this.width;
@@ -614,7 +625,8 @@ export class Timeline {
       return;
     }
     const overflows = this.scroller.scrollHeight > this.scroller.clientHeight + 1;
-    if (overflows && !event.ctrlKey && event.currentTarget === this.canvas && !event.altKey) return; // it scrolls the lanes
+    // it scrolls the lanes
+    if (overflows && !event.ctrlKey && event.currentTarget === this.canvas && !event.altKey) return;
     event.preventDefault();
     this.zoom(Math.exp(event.deltaY * 0.0018), this.timeAt(event.clientX - this.canvas.getBoundingClientRect().left));
   }

@@ -1,4 +1,5 @@
-// The bar above the timeline: one pause and one speed, of the run that the cursor follows or of the replay; time, levels, zoom.
+// The bar above the timeline: one pause and one speed, of the run that the cursor follows or of the replay; time,
+// levels, zoom.
 
 import { h, icon, renew, show } from "./dom.js";
 import { SPEEDS } from "./player.js";

@@ -1,4 +1,5 @@
-// The world from above, as in FAME's pictures: ground, obstacles, weeds, chargers, robots with their sensors and trails.
+// The world from above, as in FAME's pictures: ground, obstacles, weeds, chargers, robots with their sensors and
+// trails.
 
 import { h, icon, isDark, paint, robotColour, css, sharp, trace } from "./dom.js";
 import { Viewport } from "./viewport.js";
@@ -21,7 +22,8 @@ const LEDS = {
 };
 const PARCEL = 0.3; // m
 const LEAP = 0.5;
-const FASTEST = 20; // m and m/s: a robot that moves further and faster is put there, as where its simulation begins again
+// m and m/s: a robot that moves further and faster is put there, as where its simulation begins again
+const FASTEST = 20;
 const COLOURS = {
   light: {
     ground: "#f6f4ee",
@@ -395,7 +397,8 @@ export class World {
         line > size &&
         line < this.size.height - 0.2 * size &&
         !taken.some((box) => overlap(box, [x - wide / 2, line - 0.8 * size, wide, size]));
-      const line = (rank === NAME ? ASIDE : [0]).map((by) => y + by * size).find(free); // a name is moved before it is left out
+      // a name is moved before it is left out
+      const line = (rank === NAME ? ASIDE : [0]).map((by) => y + by * size).find(free);
       if (line === undefined) continue;
       taken.push([x - wide / 2, line - 0.8 * size, wide, size]);
       context.strokeText(text, x, line);
@@ -430,7 +433,10 @@ export class World {
     }
   }
 
-  /** Go along the way of a robot until an instant: `begin` is called where it begins, also again after a gap, and `goOn` for the other places. */
+  /**
+   * Go along the way of a robot until an instant: `begin` is called where it begins, also again after a gap, and `goOn`
+   * for the other places.
+   */
   along(r, time, begin, goOn) {
     let last = null; // where it was before
     for (const block of this.app.store.blocks) {
@@ -492,7 +498,7 @@ export class World {
     return Math.max(1, SMALLEST / (2 * Math.max(...outline.map(([x]) => x)) * scale));
   }
 
-  drawRobot(pen, { r, pose, robot }) {
+  drawRobot(pen, { r, pose }) {
     const { context, look, scale } = pen;
     const outline = pose.outline ?? box(0, 0, 0.5, 0.4);
     const growth = this.growth(outline, scale);
