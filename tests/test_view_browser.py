@@ -177,7 +177,7 @@ def test_a_called_process_opens_with_a_breadcrumb(page: Page) -> None:
 
 def test_signals_are_arrows_between_the_robots(page: Page) -> None:
     page.evaluate("fame.player.seek(60e9)")
-    arrows = until(page, "fame.timeline.arrows && fame.timeline.arrows.length && fame.timeline.arrows")
+    arrows = until(page, "fame.timeline.bars.arrows && fame.timeline.bars.arrows.length && fame.timeline.bars.arrows")
     names = page.evaluate("fame.mission.robots.map((one) => one.name)")
     found = {(one["topic"], names[one["sender"]], names[one["receiver"]]) for one in arrows}
     assert ("/weed_position", "Drone", "Tractor_1") in found

@@ -169,7 +169,7 @@ def test_an_alarm_and_the_band_of_its_channel_are_on_the_page(
         until(page, f"document.querySelectorAll('.lane.plot').length === {len(names)}")
         assert [each.get_attribute("title") for each in page.locator(".lane.plot b").all()] == names
         assert page.locator("#chips .failed").inner_text() == "1 alarm"
-        left, top, wide, high = until(page, "fame.timeline.hits.filter((hit) => hit[8]).at(-1)?.slice(0, 4)")
+        left, top, wide, high = until(page, "fame.timeline.hits.findLast((hit) => hit.alarm)?.box")
         assert left > 0.7 * page.evaluate("fame.timeline.width")  # the fault came at 6.5 s of 8
         page.evaluate("(top) => { fame.timeline.scroller.scrollTop = top; }", top)
         page.wait_for_timeout(200)

@@ -302,8 +302,8 @@ def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it
     assert page.evaluate(ELSEWHERE) == []
     names = [text for text, _ in page.evaluate(SIZES)]
     assert {"Dispatcher", "Porter", "Lift", "Cleaner", "Go to the", "delivered", "yes"} <= set(names)
-    assert until(page, "fame.timeline.written?.size")
-    assert page.evaluate(f"({OVERLAPPING})([...fame.timeline.written.values()].flat())") == []
+    assert until(page, "fame.timeline.bars.written?.size")
+    assert page.evaluate(f"({OVERLAPPING})([...fame.timeline.bars.written.values()].flat())") == []
     assert page.evaluate("fame.timeline.scroller.scrollHeight <= fame.timeline.scroller.clientHeight")  # all lanes
 
 

@@ -9,6 +9,7 @@ export default [
     languageOptions: { ecmaVersion: 2024, sourceType: "module", globals: globals.browser },
     rules: {
       "max-len": ["error", { code: 120 }],
+      "max-lines-per-function": ["error", { max: 30, skipComments: true }],
       "one-var": ["error", "never"],
       "prefer-const": "error",
       "no-var": "error",

@@ -9,6 +9,26 @@ const SIGNS = { added: "+", changed: "~", moved: "→" };
 const FATES = { keep: "stays", restart: "begins again", abandon: "ends", blocked: "has no place" };
 const LONGEST = 900_000; // characters
 
+/** An element that was removed, where it was. */
+const ghost = ({ name, box: [x, y, width, height] }) =>
+  s(
+    "g",
+    { cls: "ghost" },
+    s("title", null, `removed: ${name}`),
+    s("rect", { x, y, width, height, rx: 8 }),
+    s("text", { x: x + width / 2, y: y + height + 13 }, name),
+  );
+
+/** The sign of a change, at the corner of a shape. */
+const badge = ([x, y, width], name, grow) =>
+  s(
+    "g",
+    { cls: `badge ${name}`, transform: `translate(${x + width} ${y}) scale(${grow})` },
+    s("title", null, WORDS[name]),
+    s("circle", { r: 9 }),
+    s("text", { cls: "middle", y: 4 }, SIGNS[name]),
+  );
+
 export class Change {
   constructor(app) {
     this.app = app;
@@ -67,31 +87,11 @@ export class Change {
     const how = new Map(changes.map((one) => [one.element, one.how]).reverse()); // the strongest, where versions differ
     for (const [number, group] of plane.groups)
       for (const name of Object.keys(SIGNS)) group.classList.toggle(`is-${name}`, how.get(number) === name);
+    const marked = [...how].filter(([number]) => plane.shapes.has(number));
     show(
       plane.over,
-      this.app.diagram.plane === 0
-        ? ghosts.map(({ name, box: [x, y, width, height] }) =>
-            s(
-              "g",
-              { cls: "ghost" },
-              s("title", null, `removed: ${name}`),
-              s("rect", { x, y, width, height, rx: 8 }),
-              s("text", { x: x + width / 2, y: y + height + 13 }, name),
-            ),
-          )
-        : [],
-      [...how]
-        .filter(([number]) => plane.shapes.has(number))
-        .map(([number, name]) => {
-          const [x, y, width] = plane.shapes.get(number);
-          return s(
-            "g",
-            { cls: `badge ${name}`, transform: `translate(${x + width} ${y}) scale(${this.app.diagram.grow})` },
-            s("title", null, WORDS[name]),
-            s("circle", { r: 9 }),
-            s("text", { cls: "middle", y: 4 }, SIGNS[name]),
-          );
-        }),
+      this.app.diagram.plane === 0 ? ghosts.map(ghost) : [],
+      marked.map(([number, name]) => badge(plane.shapes.get(number), name, this.app.diagram.grow)),
     );
   }
 
@@ -149,34 +149,24 @@ export class Change {
   }
 
   robot({ robot, state, reason, runs, tokens }) {
-    const rows = tokens.map(({ element, name, fate, target, reason: why }) =>
-      h(
-        "li",
-        { cls: fate === "blocked" ? "failed" : "" },
-        element >= 0 ? this.app.inspector.element(element) : h("b", null, name),
-        ` ${FATES[fate]}${target && fate === "restart" ? " there" : ""}${why ? `: ${why}` : ""}`,
-      ),
-    );
+    const rows = tokens.map((token) => this.fate(token));
+    const known = state === "previewed";
+    const now = known ? (runs ? `runs ${runs.slice(0, 12)}` : "runs nothing: it begins") : `${state} ${reason}`;
     return h(
       "section",
       { dataset: { key: robot } },
-      h(
-        "h3",
-        null,
-        robot,
-        h(
-          "span",
-          { cls: "quiet" },
-          state === "previewed"
-            ? runs
-              ? `runs ${runs.slice(0, 12)}`
-              : "runs nothing: it begins"
-            : `${state} ${reason}`,
-        ),
-      ),
-      rows.length
-        ? h("ul", { cls: "waits" }, rows)
-        : h("p", { cls: "quiet" }, state === "previewed" && runs ? "No token." : ""),
+      h("h3", null, robot, h("span", { cls: "quiet" }, now)),
+      rows.length ? h("ul", { cls: "waits" }, rows) : h("p", { cls: "quiet" }, known && runs ? "No token." : ""),
+    );
+  }
+
+  /** What becomes of a token. */
+  fate({ element, name, fate, target, reason }) {
+    return h(
+      "li",
+      { cls: fate === "blocked" ? "failed" : "" },
+      element >= 0 ? this.app.inspector.element(element) : h("b", null, name),
+      ` ${FATES[fate]}${target && fate === "restart" ? " there" : ""}${reason ? `: ${reason}` : ""}`,
     );
   }
 
@@ -230,14 +220,30 @@ export class Change {
   /** Show the code that would run, and ask; the hash is that of what is shown. */
   async send(act) {
     const { data } = this;
+    const hash = data.hash.slice(0, 12);
+    const migrates = act === "migrate";
+    const fields = [{ key: "agreed", label: `I have read it: ${hash} may run`, kind: "checkbox", required: true }];
+    if (migrates && data.objection)
+      fields.push({ key: "force", label: "Migrate although this may fail", kind: "checkbox", required: true });
+    const title = migrates ? "Migrate what runs?" : "Deploy this model?";
+    const found = await ask(title, fields, migrates ? "Migrate" : "Deploy", this.consequences(migrates));
+    if (!found) return;
+    this.app.toast("Sending …");
+    const answer = await this.app.control.send({ do: act, hash: data.hash, force: found.force === true });
+    if (answer) this.app.control.send({ do: "examine" });
+  }
+
+  /** What happens to what runs, the code that is new, and what is against it. */
+  consequences(migrates) {
+    const { data } = this;
     const code = data.changes.filter(({ code: [, fresh] }) => fresh.length);
     const hash = data.hash.slice(0, 12);
     const robots = data.robots.map(({ robot }) => robot).join(", ");
-    const text = [
+    return [
       h(
         "p",
         null,
-        act === "migrate"
+        migrates
           ? `What runs on ${robots} goes over to ${hash}.`
           : `What runs on ${robots} is cancelled; ${hash} begins.`,
       ),
@@ -247,20 +253,7 @@ export class Change {
             code.map((one) => [h("p", null, `${one.name} (${one.robots.join(", ")})`), this.code(one)]),
           ]
         : h("p", null, "No script or expression is new."),
-      act === "migrate" && data.objection ? h("p", { cls: "found error" }, data.objection) : [],
+      migrates && data.objection ? h("p", { cls: "found error" }, data.objection) : [],
     ];
-    const fields = [{ key: "agreed", label: `I have read it: ${hash} may run`, kind: "checkbox", required: true }];
-    if (act === "migrate" && data.objection)
-      fields.push({ key: "force", label: "Migrate although this may fail", kind: "checkbox", required: true });
-    const found = await ask(
-      act === "migrate" ? "Migrate what runs?" : "Deploy this model?",
-      fields,
-      act === "migrate" ? "Migrate" : "Deploy",
-      text,
-    );
-    if (!found) return;
-    this.app.toast("Sending …");
-    const answer = await this.app.control.send({ do: act, hash: data.hash, force: found.force === true });
-    if (answer) this.app.control.send({ do: "examine" });
   }
 }

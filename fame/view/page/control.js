@@ -115,39 +115,19 @@ export class Control {
   /** A signal: its topic, then the fields of its type. */
   async signal() {
     const { mission } = this.app;
-    const topics = [
-      ...new Set(mission.elements.flatMap((element) => (element.topics ?? []).map(([topic]) => topic))),
-    ].sort();
-    const found = await ask(
-      "Send a signal",
-      [
-        {
-          key: "topic",
-          label: "Topic",
-          kind: "select",
-          options: topics.map((topic) => [topic, topic]),
-          value: topics[0],
-        },
-      ],
-      "Next",
-    );
+    const catchers = mission.elements.flatMap((element) => (element.topics ?? []).map(([topic]) => topic));
+    const options = [...new Set(catchers)].sort().map((topic) => [topic, topic]);
+    const choice = { key: "topic", label: "Topic", kind: "select", options, value: options[0]?.[0] };
+    const found = await ask("Send a signal", [choice], "Next");
     if (!found) return;
-    const robot = found.topic.startsWith("~/")
-      ? [
-          {
-            key: "/robot",
-            label: "Robot",
-            kind: "select",
-            options: this.robots(),
-            value: this.chosenRobot() ?? mission.robots[0]?.name,
-          },
-        ]
-      : [];
-    const fields = mission.types?.[found.topic] ?? [];
-    const values = robot.length + fields.length ? await ask(found.topic, [...robot, ...fields], "Send") : {};
+    const chosen = this.chosenRobot() ?? mission.robots[0]?.name;
+    const robot = { key: "/robot", label: "Robot", kind: "select", options: this.robots(), value: chosen };
+    const typed = mission.types?.[found.topic] ?? [];
+    const fields = found.topic.startsWith("~/") ? [robot, ...typed] : typed;
+    const values = fields.length ? await ask(found.topic, fields, "Send") : {};
     if (!values) return;
     const { "": { robot: name } = {}, ...message } = values;
-    this.send({ do: "signal", topic: found.topic, robot: name, value: fields.length ? JSON.stringify(message) : "" });
+    this.send({ do: "signal", topic: found.topic, robot: name, value: typed.length ? JSON.stringify(message) : "" });
   }
 
   async set() {

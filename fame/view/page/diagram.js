@@ -3,7 +3,7 @@
 
 import { arrange, h, s, icon, robotColour, show } from "./dom.js";
 import { Names, Pins } from "./names.js";
-import { TAKE, after } from "./store.js";
+import { TAKE, after, counted } from "./store.js";
 import { Viewport } from "./viewport.js";
 
 const TAGS = new Set([
@@ -97,6 +97,60 @@ function along(points, part) {
 
 /** Text on a disc for a robot: its number, or nothing where a pool has one robot. */
 const numeral = (name) => /_(\d+)$/.exec(name)?.[1] ?? "";
+
+/** The parts of a drawing, without its background. */
+function drawingOf(svg) {
+  const drawing = s("g", { cls: "drawing" });
+  for (const child of new DOMParser().parseFromString(svg, "image/svg+xml").documentElement.childNodes) {
+    const made = imported(child);
+    if (made !== null && !(made.localName === "rect" && made.getAttribute("width") === "100%")) drawing.append(made);
+  }
+  return drawing;
+}
+
+/** The tokens on a plane, by element, of those that are `wanted` (robot, scope). */
+function tokensIn(plane, state, wanted) {
+  const tokens = new Map();
+  for (const token of state.tokens.values()) {
+    if (!plane.shapes.has(token.e) || !wanted(token.r, token.s)) continue;
+    if (!tokens.has(token.e)) tokens.set(token.e, []);
+    tokens.get(token.e).push(token);
+  }
+  return tokens;
+}
+
+/** What was done on a plane, by element: [completed, failed, cancelled], of a robot or, if that is -1, of all. */
+function countsIn(plane, state, robot) {
+  const counts = new Map();
+  for (const [key, [done, failed, cancelled]] of state.counts) {
+    const [r, e] = counted(key);
+    if ((robot >= 0 && r !== robot) || !plane.groups.has(e)) continue;
+    const sum = counts.get(e) ?? [0, 0, 0];
+    counts.set(e, [sum[0] + done, sum[1] + failed, sum[2] + cancelled]);
+  }
+  return counts;
+}
+
+/** The flows on a plane that were taken after an instant: places in the columns of events, for each token in order. */
+function legsOf(plane, state, from, wanted) {
+  const { t, r, s: scopes, e, w } = state.block.columns;
+  const legs = new Map();
+  for (let at = Math.max(after(t, from), state.position - MOST_FLIGHTS); at < state.position; at += 1) {
+    if (w[at] !== TAKE || !plane.edges.has(e[at]) || !wanted(r[at], scopes[at])) continue;
+    const key = `${r[at]}/${t[at]}`;
+    if (!legs.has(key)) legs.set(key, []);
+    legs.get(key).push(at);
+  }
+  return legs.values();
+}
+
+/** By how much a drawing is moved: [x, y]. */
+function shiftOf(drawing) {
+  const moved = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(drawing.firstElementChild?.getAttribute("transform"));
+  return moved === null ? [0, 0] : moved.slice(1).map(Number);
+}
+
+const MOST_FLIGHTS = 400; // of the last events, those that are looked at for tokens on their way
 
 export class Diagram {
   constructor(root, app) {
@@ -281,53 +335,50 @@ export class Diagram {
   }
 
   built(data) {
-    const parsed = new DOMParser().parseFromString(data.svg, "image/svg+xml").documentElement;
-    const drawing = s("g", { cls: "drawing" });
-    for (const child of parsed.childNodes) {
-      const made = imported(child);
-      if (made !== null && !(made.localName === "rect" && made.getAttribute("width") === "100%")) drawing.append(made);
-    }
-    const byId = new Map();
-    for (const group of drawing.querySelectorAll("[data-id]"))
-      if (!byId.has(group.dataset.id)) byId.set(group.dataset.id, group);
-    const groups = new Map();
-    const { elements } = this.app.mission;
-    for (const number of [...Object.keys(data.shapes), ...Object.keys(data.edges)]) {
-      const group = byId.get(elements[number]?.id);
-      if (group === undefined) continue;
-      group.dataset.element = number;
-      groups.set(Number(number), group);
-    }
-    for (const number of data.frames) groups.get(number)?.classList.add("frame");
-    for (const number of Object.keys(data.edges)) groups.get(Number(number))?.classList.add("edge");
-    for (const number of Object.keys(data.shapes)) {
-      const element = elements[number];
-      if (element?.inside !== undefined && element.inside >= 0) groups.get(Number(number))?.classList.add("opens");
-    }
-    for (const [number, group] of groups)
-      if (!group.classList.contains("frame"))
-        group.append(s("title", null, elements[number]?.name || elements[number]?.id || ""));
-    const shapes = new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box]));
-    const [, ...shift] = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(
-      drawing.firstElementChild?.getAttribute("transform"),
-    ) ?? [0, 0, 0];
+    const drawing = drawingOf(data.svg);
+    const groups = this.grouped(drawing, data);
+    const numbered = (values) => new Map(Object.entries(values).map(([number, value]) => [Number(number), value]));
+    const shapes = numbered(data.shapes);
     const pins = new Pins({ groups, shapes });
     return {
       drawing,
       groups,
       shapes,
       pins,
-      names: new Names({ drawing, groups, shapes, pins, shift: shift.map((one) => -one) }),
+      names: new Names({ drawing, groups, shapes, pins, shift: shiftOf(drawing).map((one) => -one) }),
       level: Infinity,
       under: s("g", { cls: "under" }),
       over: s("g", { cls: "over" }),
       width: data.width,
       height: data.height,
-      edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])),
+      edges: numbered(data.edges),
       classes: new Map(),
       marks: new Map(),
       shown: "",
     };
+  }
+
+  /** The groups of a drawing by the numbers of their elements; each has its title, and what it is as classes. */
+  grouped(drawing, { shapes, edges, frames }) {
+    const { elements } = this.app.mission;
+    const byId = new Map();
+    for (const group of drawing.querySelectorAll("[data-id]"))
+      if (!byId.has(group.dataset.id)) byId.set(group.dataset.id, group);
+    const groups = new Map();
+    for (const number of [...Object.keys(shapes), ...Object.keys(edges)]) {
+      const group = byId.get(elements[number]?.id);
+      if (group === undefined) continue;
+      group.dataset.element = number;
+      groups.set(Number(number), group);
+    }
+    for (const number of frames) groups.get(number)?.classList.add("frame");
+    for (const number of Object.keys(edges)) groups.get(Number(number))?.classList.add("edge");
+    for (const number of Object.keys(shapes))
+      if (elements[number]?.inside >= 0) groups.get(Number(number))?.classList.add("opens");
+    for (const [number, group] of groups)
+      if (!group.classList.contains("frame"))
+        group.append(s("title", null, elements[number]?.name || elements[number]?.id || ""));
+    return groups;
   }
 
   path() {
@@ -392,34 +443,16 @@ export class Diagram {
     const { robot } = this.app.selected;
     const opener = this.trail.at(-1)?.[1] ?? -1;
     const wanted = (r, s) => (robot < 0 || r === robot) && (opener < 0 || state.openers(r, s).includes(opener));
-    const tokens = new Map();
-    const counts = new Map();
-    if (state !== null) {
-      for (const token of state.tokens.values()) {
-        if (!plane.shapes.has(token.e) || !wanted(token.r, token.s)) continue;
-        if (!tokens.has(token.e)) tokens.set(token.e, []);
-        tokens.get(token.e).push(token);
-      }
-      for (const [key, [done, failed, cancelled]] of state.counts) {
-        const r = Math.floor(key / 1048576);
-        const e = key % 1048576;
-        if (robot >= 0 && r !== robot) continue;
-        if (!plane.groups.has(e)) continue;
-        const sum = counts.get(e) ?? [0, 0, 0];
-        counts.set(e, [sum[0] + done, sum[1] + failed, sum[2] + cancelled]);
-      }
-    }
+    const tokens = state === null ? new Map() : tokensIn(plane, state, wanted);
+    const counts = state === null ? new Map() : countsIn(plane, state, robot);
     this.mark(plane, tokens, counts);
     if (this.app.mission.heat) {
       this.app.heat.paint(plane);
       return;
     }
     this.badges(plane, tokens, counts);
-    if (this.app.mission.change) {
-      this.app.change.paint(plane);
-      return;
-    }
-    this.flights(plane, state, flows, wanted);
+    if (this.app.mission.change) this.app.change.paint(plane);
+    else this.flights(plane, state, flows, wanted);
   }
 
   mark(plane, tokens, counts) {
@@ -427,73 +460,60 @@ export class Diagram {
     const { named } = this.app.timeline.properties;
     for (const [number, group] of plane.groups) {
       const [done, failed, cancelled] = counts.get(number) ?? [0, 0, 0];
-      const outcome = failed ? "failed" : done ? "completed" : cancelled ? "cancelled" : "";
-      const classes = [
-        outcome && `is-${outcome}`,
-        tokens.has(number) && "is-active",
-        number === element && "is-chosen",
-        this.app.breakpoints.has(number) && "has-breakpoint",
-        named.has(number) && "is-named",
-      ]
-        .filter(Boolean)
-        .join(" ");
-      if (plane.classes.get(number) === classes) continue;
-      plane.classes.set(number, classes);
-      group.classList.remove(
-        "is-failed",
-        "is-completed",
-        "is-cancelled",
-        "is-active",
-        "is-chosen",
-        "has-breakpoint",
-        "is-named",
-      );
-      group.classList.add(...classes.split(" ").filter(Boolean));
+      const classes = {
+        "is-failed": failed > 0,
+        "is-completed": !failed && done > 0,
+        "is-cancelled": !failed && !done && cancelled > 0,
+        "is-active": tokens.has(number),
+        "is-chosen": number === element,
+        "has-breakpoint": this.app.breakpoints.has(number),
+        "is-named": named.has(number),
+      };
+      const key = Object.values(classes).map(Number).join("");
+      if (plane.classes.get(number) === key) continue;
+      plane.classes.set(number, key);
+      for (const [name, on] of Object.entries(classes)) group.classList.toggle(name, on);
     }
   }
 
   badges(plane, tokens, counts) {
+    const { theme } = document.documentElement.dataset;
+    const look = `${theme}|${plane.level}`;
     const shown = [];
-    const text = [];
     for (const [number, box] of plane.shapes) {
       const sum = counts.get(number);
       const held = tokens.get(number);
       const findings = this.app.findingsOf(number);
       if (plane.groups.get(number)?.classList.contains("frame") && !held && !findings) continue;
       if (sum === undefined && held === undefined && findings === undefined) continue;
-      shown.push([number, box, sum, held, findings]);
-      text.push(
-        `${number}:${sum ?? ""}:${held?.map((token) => `${token.r}x${token.n}`) ?? ""}:${findings?.length ?? ""}`,
-      );
+      const tokensAt = held?.map((token) => `${token.r}x${token.n}`) ?? "";
+      const key = `${number}:${sum ?? ""}:${tokensAt}:${findings?.length ?? ""}|${look}`;
+      shown.push({ number, box, sum, held, findings, key });
     }
-    const { theme } = document.documentElement.dataset;
-    const look = `${theme}|${plane.level}`;
-    const key = `${text.join(";")}|${look}`;
+    const key = `${shown.map((one) => one.key).join(";")}|${look}`;
     if (plane.shown === key) return;
     plane.shown = key;
-    const marks = new Map();
-    shown.forEach(([number, box, sum, held, findings], place) => {
-      const kept = plane.marks.get(number);
-      const own = `${text[place]}|${look}`;
-      marks.set(
-        number,
-        kept?.key === own
-          ? kept
-          : {
-              key: own,
-              nodes: [
-                ...(sum !== undefined ? this.outcomes(box, sum) : []),
-                ...(held !== undefined ? this.discs(box, held) : []),
-                ...(findings !== undefined ? [this.finding(box, findings)] : []),
-              ],
-            },
-      );
-    });
-    plane.marks = marks;
+    const known = plane.marks;
+    plane.marks = new Map(
+      shown.map((one) => {
+        const kept = known.get(one.number);
+        return [one.number, kept?.key === one.key ? kept : this.badge(one)];
+      }),
+    );
     arrange(
       plane.under,
-      [...marks.values()].flatMap((mark) => mark.nodes),
+      [...plane.marks.values()].flatMap((mark) => mark.nodes),
     );
+  }
+
+  /** What is drawn at a shape: {key: of what it shows, nodes}. */
+  badge({ box, sum, held, findings, key }) {
+    const nodes = [
+      ...(sum !== undefined ? this.outcomes(box, sum) : []),
+      ...(held !== undefined ? this.discs(box, held) : []),
+      ...(findings !== undefined ? [this.finding(box, findings)] : []),
+    ];
+    return { key, nodes };
   }
 
   outcomes([x, y, width], sum) {
@@ -568,26 +588,16 @@ export class Diagram {
   /** Tokens on their way: flows that were taken within the last moments, one after the other. */
   flights(plane, state, flows, wanted) {
     const found = [];
-    const span = FLIGHT * 1e9 * this.app.player.speed;
     const lit = new Set();
     if (state !== null) {
-      const { t, r, s: scopes, e, w } = state.block.columns;
-      const from = flows ? state.time - span : state.time - 1;
-      const begin = after(t, from);
-      const legs = new Map();
-      for (let at = Math.max(begin, state.position - 400); at < state.position; at += 1) {
-        if (w[at] !== TAKE || !plane.edges.has(e[at]) || !wanted(r[at], scopes[at])) continue;
-        const key = `${r[at]}/${t[at]}`;
-        if (!legs.has(key)) legs.set(key, []);
-        legs.get(key).push(at);
-      }
-      for (const chain of legs.values()) {
+      const { t, r, e } = state.block.columns;
+      const span = FLIGHT * 1e9 * this.app.player.speed;
+      for (const chain of legsOf(plane, state, flows ? state.time - span : state.time - 1, wanted)) {
         chain.forEach((at, place) => {
           const group = plane.groups.get(e[at]);
           if (group !== undefined) lit.add(group);
-          if (!flows) return;
           const part = ((state.time - t[at]) / span) * chain.length - place;
-          if (part < 0 || part > 1) return;
+          if (!flows || part < 0 || part > 1) return;
           const [x, y] = along(plane.edges.get(e[at]), part * part * (3 - 2 * part));
           found.push(this.disc(r[at], 1, x, y));
         });

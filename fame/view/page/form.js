@@ -29,81 +29,73 @@ export function guessed(text) {
  * help}.
  */
 function made(field) {
-  const { kind = "text", options = [], required, value } = field;
-  const common = { required: Boolean(required), "aria-describedby": null };
-  if (kind === "select") {
-    const pick = h(
-      "select",
-      common,
-      required && value === undefined ? h("option", { value: "" }, "") : null,
-      options.map(([of, text]) => h("option", { value: JSON.stringify(of) }, text)),
-    );
-    if (value !== undefined) pick.value = JSON.stringify(value);
-    return [pick, () => (pick.value === "" ? undefined : JSON.parse(pick.value)), pick];
-  }
-  if (kind === "radio") {
-    const name = `radio-${(fresh += 1)}`;
-    const inputs = options.map(([of]) =>
-      h("input", {
-        type: "radio",
-        name,
-        value: JSON.stringify(of),
-        checked: of === value,
-        required: Boolean(required),
-      }),
-    );
-    const group = h(
-      "div",
-      { cls: "choices", role: "radiogroup", "aria-label": field.label },
-      inputs.map((input, at) => h("label", { cls: "choice" }, input, options[at][1])),
-    );
-    return [
-      group,
-      () => {
-        const on = inputs.find((input) => input.checked);
-        return on ? JSON.parse(on.value) : undefined;
-      },
-      inputs[0],
-    ];
-  }
+  const { kind = "text" } = field;
+  if (kind === "select") return select(field);
+  if (kind === "radio") return radio(field);
   if (kind === "checkbox") {
-    const box = h("input", { type: "checkbox", checked: value === true, required: Boolean(required) });
+    const box = h("input", { type: "checkbox", checked: field.value === true, required: Boolean(field.required) });
     return [box, () => box.checked, box];
   }
   if (kind === "textarea") {
-    const area = h("textarea", { ...common, rows: 3, minlength: field.minLength, maxlength: field.maxLength });
-    area.value = value ?? "";
+    const { required, minLength, maxLength } = field;
+    const area = h("textarea", { required, rows: 3, minlength: minLength, maxlength: maxLength });
+    area.value = field.value ?? "";
     return [area, () => (area.value === "" ? undefined : area.value), area];
   }
-  const numeric = kind === "number" || kind === "integer";
+  return line(field);
+}
+
+function select({ options = [], required, value }) {
+  const pick = h(
+    "select",
+    { required },
+    required && value === undefined ? h("option", { value: "" }, "") : null,
+    options.map(([of, text]) => h("option", { value: JSON.stringify(of) }, text)),
+  );
+  if (value !== undefined) pick.value = JSON.stringify(value);
+  return [pick, () => (pick.value === "" ? undefined : JSON.parse(pick.value)), pick];
+}
+
+function radio({ label, options = [], required, value }) {
+  const name = `radio-${(fresh += 1)}`;
+  const inputs = options.map(([of]) =>
+    h("input", { type: "radio", name, value: JSON.stringify(of), checked: of === value, required }),
+  );
+  const group = h(
+    "div",
+    { cls: "choices", role: "radiogroup", "aria-label": label },
+    inputs.map((input, at) => h("label", { cls: "choice" }, input, options[at][1])),
+  );
+  const read = () => {
+    const on = inputs.find((input) => input.checked);
+    return on ? JSON.parse(on.value) : undefined;
+  };
+  return [group, read, inputs[0]];
+}
+
+/** The input of one line: a text, a number, a date, or a value of no known type. */
+function line(field) {
+  const { kind = "text", value } = field;
+  const integer = kind === "integer";
+  const numeric = kind === "number" || integer;
   const input = h("input", {
-    ...common,
+    required: field.required,
     type: INPUTS[kind] ?? "text",
     autocomplete: "off",
     spellcheck: "false",
     placeholder: field.hint,
     min: field.min,
     max: field.max,
-    step: numeric ? (field.step ?? (kind === "integer" ? 1 : "any")) : null,
+    step: numeric ? (field.step ?? (integer ? 1 : "any")) : null,
     minlength: field.minLength,
     maxlength: field.maxLength,
     pattern: numeric ? null : field.pattern,
-    inputmode: kind === "integer" ? "numeric" : kind === "number" ? "decimal" : null,
+    inputmode: integer ? "numeric" : numeric ? "decimal" : null,
   });
   if (value !== undefined && value !== null)
     input.value = kind === "value" && typeof value !== "string" ? JSON.stringify(value) : String(value);
-  return [
-    input,
-    () =>
-      input.value === ""
-        ? undefined
-        : numeric
-          ? input.valueAsNumber
-          : kind === "value"
-            ? guessed(input.value)
-            : input.value,
-    input,
-  ];
+  const read = () => (numeric ? input.valueAsNumber : kind === "value" ? guessed(input.value) : input.value);
+  return [input, () => (input.value === "" ? undefined : read()), input];
 }
 
 /**
@@ -119,72 +111,59 @@ export function formOf(fields) {
       continue;
     }
     const [shown, read, focus] = made(field);
-    const label = [
-      field.label,
-      field.unit ? ` (${field.unit})` : "",
-      field.required ? h("span", { cls: "required", title: "required" }, " *") : null,
-    ];
-    parts.push(
-      field.kind === "radio"
-        ? h("div", { cls: "field" }, h("span", null, label), shown)
-        : h("label", { cls: `field ${field.kind}` }, h("span", null, label), shown),
-      field.help ? h("small", { cls: "quiet" }, field.help) : null,
-    );
+    parts.push(labelled(field, shown), field.help ? h("small", { cls: "quiet" }, field.help) : null);
     readers.push([field.key, read]);
     first ??= focus;
   }
-  const values = () => {
-    const found = {};
-    for (const [key, read] of readers) {
-      const value = read();
-      const path = key.split(/[./]/); // "/x" is beside the values: no name of a variable
-      if (value === undefined) continue;
-      let at = found;
-      for (const name of path.slice(0, -1)) at = at[name] ??= {};
-      at[path.at(-1)] = value;
-    }
-    return found;
-  };
-  return { parts, values, first };
+  return { parts, values: () => nested(readers.map(([key, read]) => [key, read()])), first };
+}
+
+function labelled(field, shown) {
+  const label = [
+    field.label,
+    field.unit ? ` (${field.unit})` : "",
+    field.required ? h("span", { cls: "required", title: "required" }, " *") : null,
+  ];
+  return field.kind === "radio"
+    ? h("div", { cls: "field" }, h("span", null, label), shown)
+    : h("label", { cls: `field ${field.kind}` }, h("span", null, label), shown);
+}
+
+/** An object of [key, value]: dotted keys are objects inside objects, undefined values are left out. */
+function nested(pairs) {
+  const found = {};
+  for (const [key, value] of pairs) {
+    if (value === undefined) continue;
+    const path = key.split(/[./]/); // "/x" is beside the values: no name of a variable
+    let at = found;
+    for (const name of path.slice(0, -1)) at = at[name] ??= {};
+    at[path.at(-1)] = value;
+  }
+  return found;
 }
 
 /** Ask for the values of fields in a dialog. Gives them, or null if somebody cancels. */
 export function ask(title, fields, action, text = []) {
+  const { parts, values, first } = formOf(fields);
+  let answer = null;
+  const take = () => {
+    answer = values();
+  };
+  const buttons = h(
+    "div",
+    { cls: "row end" },
+    h("button", { type: "button", cls: "text", onclick: () => dialog.close() }, "Cancel"),
+    h("button", { type: "submit", cls: "text strong" }, action),
+  );
+  const form = h("form", { method: "dialog", onsubmit: take }, h("h2", null, title), text, parts, buttons);
+  const dialog = h("dialog", { cls: "ask", "aria-label": title }, form);
+  document.body.append(dialog);
+  dialog.showModal();
+  first?.focus();
   return new Promise((resolve) => {
-    const { parts, values, first } = formOf(fields);
-    let answer = null;
-    const form = h(
-      "form",
-      {
-        method: "dialog",
-        onsubmit: () => {
-          answer = values();
-        },
-      },
-      h("h2", null, title),
-      text,
-      parts,
-      h(
-        "div",
-        { cls: "row end" },
-        h("button", { type: "button", cls: "text", onclick: () => dialog.close() }, "Cancel"),
-        h("button", { type: "submit", cls: "text strong" }, action),
-      ),
-    );
-    const dialog = h(
-      "dialog",
-      {
-        cls: "ask",
-        "aria-label": title,
-        onclose: () => {
-          resolve(answer);
-          dialog.remove();
-        },
-      },
-      form,
-    );
-    document.body.append(dialog);
-    dialog.showModal();
-    first?.focus();
+    dialog.addEventListener("close", () => {
+      resolve(answer);
+      dialog.remove();
+    });
   });
 }

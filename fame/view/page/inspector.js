@@ -3,9 +3,20 @@
 
 import { h, icon, clock, duration, isDark, renew, swatch } from "./dom.js";
 import { nameOf } from "./roster.js";
-import { FAIL, LOG, REPORT, END, after } from "./store.js";
+import { FAIL, LOG, REPORT, END, after, counted } from "./store.js";
 
-const RECENT = 2e9;
+const TABS = [
+  ["state", "State"],
+  ["topics", "Messages"],
+  ["log", "Log"],
+];
+const LOGGED = new Map([
+  [LOG, ""],
+  [REPORT, "report"],
+  [FAIL, "failed"],
+  [END, "ended"],
+]);
+const RECENT = 2e9; // ns for which what is new is marked
 const LINES = 200;
 const PAUSE = 90; // ms until it is shown again: a few times a second is as much as anybody reads
 const SLICE = 4; // ms of a frame for what is out of sight
@@ -63,22 +74,7 @@ export class Inspector {
     this.tabs = h(
       "div",
       { cls: "tabs", role: "tablist" },
-      [
-        ["state", "State"],
-        ["topics", "Messages"],
-        ["log", "Log"],
-      ].map(([name, text]) =>
-        h(
-          "button",
-          {
-            role: "tab",
-            dataset: { tab: name },
-            "aria-selected": String(name === this.tab),
-            onclick: () => this.choose(name),
-          },
-          text,
-        ),
-      ),
+      TABS.map(([name, text]) => this.tabButton(name, text)),
     );
     this.body = h("div", { cls: "body", tabindex: 0 });
     root.append(h("h2", { cls: "unseen" }, "Inspector"), h("div", { cls: "bar" }, this.tabs, this.robots), this.body);
@@ -96,6 +92,12 @@ export class Inspector {
       },
       { root: this.body },
     );
+  }
+
+  tabButton(name, text) {
+    const selected = String(name === this.tab);
+    const action = () => this.choose(name);
+    return h("button", { role: "tab", dataset: { tab: name }, "aria-selected": selected, onclick: action }, text);
   }
 
   /**
@@ -147,21 +149,7 @@ export class Inspector {
 
   update(state, time) {
     this.picker();
-    const { selected, store, plots } = this.app;
-    const loaded = this.tab === "log" ? store.version : store.said;
-    const key = [
-      this.tab,
-      selected.robot,
-      selected.element,
-      time,
-      loaded,
-      plots.key,
-      state === null,
-      this.app.controlKey(),
-      this.app.mission.version,
-      isDark(),
-      this.app.tabs.key,
-    ].join();
+    const key = this.keyOf(state, time);
     if (key === this.key) {
       this.finish(state, time);
       return;
@@ -175,29 +163,40 @@ export class Inspector {
     this.last = now;
     this.shown = time;
     this.stale.clear();
-    if (this.app.mission.kind === "model") {
-      renew(
-        this.body,
-        this.app.mission.heat
-          ? this.app.heat.view()
-          : [this.app.mission.change ? this.app.change.view() : null, this.found()],
-      );
-      return;
-    }
-    if (state === null) {
-      renew(
-        this.body,
-        h("p", { cls: "quiet" }, store.blocks.length ? "Loading this part of the run …" : "No robot has started yet."),
-      );
-      return;
-    }
-    renew(
-      this.body,
-      { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[
-        this.tab
-      ](),
-    );
+    renew(this.body, this.content(state, time));
     this.pause = Math.min(400, Math.max(PAUSE, 6 * (performance.now() - now))); // of a large team it takes longer
+  }
+
+  /** What the content depends on. */
+  keyOf(state, time) {
+    const { selected, store, plots, mission, tabs } = this.app;
+    return [
+      this.tab,
+      selected.robot,
+      selected.element,
+      time,
+      this.tab === "log" ? store.version : store.said,
+      plots.key,
+      state === null,
+      this.app.controlKey(),
+      mission.version,
+      isDark(),
+      tabs.key,
+    ].join();
+  }
+
+  content(state, time) {
+    const { mission, store } = this.app;
+    if (mission.kind === "model")
+      return mission.heat ? this.app.heat.view() : [mission.change ? this.app.change.view() : null, this.found()];
+    if (state === null)
+      return h(
+        "p",
+        { cls: "quiet" },
+        store.blocks.length ? "Loading this part of the run …" : "No robot has started yet.",
+      );
+    if (this.tab === "topics") return this.topics(time);
+    return this.tab === "log" ? this.log(time) : this.state(state, time);
   }
 
   /** Find which of these robots are still in sight: the sections above them may have grown. */
@@ -361,14 +360,6 @@ export class Inspector {
     const openers = state.openers(r, wait.scope);
     const since = time - wait.since;
     const topics = (wait.topics ?? []).map((topic) => this.publishers(topic, wait));
-    const conditions = (wait.conditions ?? []).map((condition) =>
-      h(
-        "div",
-        { cls: "why" },
-        h("code", null, condition.text),
-        (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name))),
-      ),
-    );
     return h(
       "li",
       { dataset: { key: `${r}/${wait.key}` } },
@@ -384,9 +375,15 @@ export class Inspector {
       topics,
       this.lastMessages(wait, time),
       this.senders(state, wait, time, [r], new Set([r])),
-      conditions,
+      (wait.conditions ?? []).map((condition) => this.condition(state, r, wait, condition)),
       this.app.acts.buttons(r, wait),
     );
+  }
+
+  /** A condition that a token waits for, with the values of what it reads. */
+  condition(state, r, wait, { text, reads = [] }) {
+    const values = reads.map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)));
+    return h("div", { cls: "why" }, h("code", null, text), values);
   }
 
   /** Who publishes on a topic that a token waits for. */
@@ -512,46 +509,35 @@ export class Inspector {
 
   variable(r, s, name, value, since, time) {
     const fresh = time - since < RECENT && since > 0;
-    const id = `${r}/${s}/${name}`;
-    const open = this.opened.has(id);
-    const complex = value !== null && typeof value === "object";
-    const paths = numbers(value);
-    const plot =
-      paths.length === 1 || (!complex && paths.length)
-        ? this.plotButton({ r, name, path: paths[0] })
-        : paths.length > 1
-          ? this.plotMenu(r, name, paths)
-          : null;
-    const text = open ? h("pre", null, JSON.stringify(value, null, 2)) : h("code", null, brief(value));
-    const toggle =
-      complex || (typeof value === "string" && value.length > 100)
-        ? h(
-            "button",
-            {
-              cls: "value",
-              title: open ? "Show less" : "Show all",
-              onclick: () => {
-                if (open) this.opened.delete(id);
-                else this.opened.add(id);
-                this.key = "";
-                this.app.redraw();
-              },
-            },
-            text,
-          )
-        : text;
+    const mark = fresh ? h("span", { cls: "mark", title: `changed ${clock(since)}` }, "●") : null;
     return h(
       "tr",
       { cls: fresh ? "fresh" : "", dataset: { key: name } },
-      h(
-        "th",
-        { scope: "row", title: `set ${clock(since)}` },
-        fresh ? h("span", { cls: "mark", title: `changed ${clock(since)}` }, "●") : null,
-        name,
-      ),
-      h("td", null, toggle),
-      h("td", { cls: "act" }, plot),
+      h("th", { scope: "row", title: `set ${clock(since)}` }, mark, name),
+      h("td", null, this.value(`${r}/${s}/${name}`, value)),
+      h("td", { cls: "act" }, this.plot(r, name, value)),
     );
+  }
+
+  /** A value; a long one is a button that shows all of it, or less. */
+  value(id, value) {
+    const open = this.opened.has(id);
+    const text = open ? h("pre", null, JSON.stringify(value, null, 2)) : h("code", null, brief(value));
+    const long = typeof value === "string" ? value.length > 100 : value !== null && typeof value === "object";
+    if (!long) return text;
+    const toggle = () => {
+      if (open) this.opened.delete(id);
+      else this.opened.add(id);
+      this.key = "";
+      this.app.redraw();
+    };
+    return h("button", { cls: "value", title: open ? "Show less" : "Show all", onclick: toggle }, text);
+  }
+
+  plot(r, name, value) {
+    const paths = numbers(value);
+    if (paths.length > 1) return this.plotMenu(r, name, paths);
+    return paths.length ? this.plotButton({ r, name, path: paths[0] }) : null;
   }
 
   plotButton(plot, text = null) {
@@ -590,85 +576,87 @@ export class Inspector {
   // ---- one element -------------------------------------------------------------------------------
 
   chosenElement(state, time) {
-    const { selected, mission, store, control } = this.app;
+    const { selected, mission, control } = this.app;
     const number = selected.element;
     const element = mission.elements[number];
     if (element === undefined) return null;
-    let sum = [0, 0, 0];
-    let tokens = 0;
-    for (const [key, counts] of state.counts)
-      if (key % 1048576 === number && this.chosen(Math.floor(key / 1048576)))
-        sum = sum.map((value, at) => value + counts[at]);
-    for (const token of state.tokens.values()) if (token.e === number && this.chosen(token.r)) tokens += token.n;
-    const visits = (step) =>
-      store
-        .find(
-          time,
-          step,
-          (data, at) => data.columns.e[at] === number && data.columns.w[at] <= FAIL && this.chosen(data.columns.r[at]),
-        )
-        .then((found) => found !== null && this.app.player.seek(found));
-    const counts = [
-      `${sum[0]} completed`,
-      sum[1] ? `${sum[1]} failed` : "",
-      sum[2] ? `${sum[2]} cancelled` : "",
-      tokens ? `${tokens} token${tokens > 1 ? "s" : ""} here` : "",
-    ];
     const findings = this.app.findingsOf(number) ?? [];
+    const isModel = mission.kind === "model";
+    const open = () => this.app.diagram.open(element.inside, number);
     return h(
       "div",
       { cls: "card" },
-      h(
-        "div",
-        { cls: "head" },
-        h("b", null, element.name || element.id),
-        h("button", { title: "Close", onclick: () => this.app.select({ element: -1 }) }, icon("close")),
-      ),
-      h("div", { cls: "quiet" }, `${element.tag.replace(/([A-Z])/g, " $1").toLowerCase()} · ${element.id}`),
-      element.source ? h("div", null, element.source) : null,
-      element.topics
-        ? h(
-            "div",
-            null,
-            element.topics.map(([topic, way, name]) =>
-              h(
-                "div",
-                null,
-                way === "throw" ? "publishes " : "receives ",
-                h("code", null, topic),
-                name ? ` (${name})` : "",
-              ),
-            ),
-          )
-        : null,
-      element.condition ? h("div", null, "condition ", h("code", null, element.condition)) : null,
+      this.cardHead(element),
+      this.facts(element),
       this.app.acts.atElement(state, number, selected.robot),
       findings.map((one) => h("div", { cls: `found ${one.severity}` }, h("b", null, one.severity), ` ${one.text}`)),
       element.doc ? h("p", null, element.doc) : null,
       element.script ? h("details", null, h("summary", null, "Script"), h("pre", null, element.script)) : null,
-      this.app.mission.kind === "model"
-        ? null
-        : h("div", { cls: "row" }, h("span", null, counts.filter(Boolean).join(" · "))),
+      isModel ? null : h("div", { cls: "row" }, h("span", null, this.counts(state, number))),
       h(
         "div",
         { cls: "row" },
-        this.app.mission.kind === "model"
-          ? null
-          : [
-              h("button", { cls: "text", onclick: () => visits(-1) }, "Previous visit"),
-              h("button", { cls: "text", onclick: () => visits(1) }, "Next visit"),
-            ],
-        element.inside >= 0
-          ? h("button", { cls: "text", onclick: () => this.app.diagram.open(element.inside, number) }, "Open")
-          : null,
+        isModel ? null : this.visits(number, time),
+        element.inside >= 0 ? h("button", { cls: "text", onclick: open }, "Open") : null,
         control.forElement(number),
       ),
     );
   }
 
+  cardHead({ name, id }) {
+    const close = h("button", { title: "Close", onclick: () => this.app.select({ element: -1 }) }, icon("close"));
+    return h("div", { cls: "head" }, h("b", null, name || id), close);
+  }
+
+  /** What the model says of an element. */
+  facts({ id, tag, source, topics, condition }) {
+    const row = ([topic, way, name]) => {
+      const verb = way === "throw" ? "publishes " : "receives ";
+      return h("div", null, verb, h("code", null, topic), name ? ` (${name})` : "");
+    };
+    return [
+      h("div", { cls: "quiet" }, `${tag.replace(/([A-Z])/g, " $1").toLowerCase()} · ${id}`),
+      source ? h("div", null, source) : null,
+      topics ? h("div", null, topics.map(row)) : null,
+      condition ? h("div", null, "condition ", h("code", null, condition)) : null,
+    ];
+  }
+
+  /** How often an element was completed, failed and cancelled so far, and how many tokens it holds. */
+  counts(state, number) {
+    let sum = [0, 0, 0];
+    let tokens = 0;
+    for (const [key, counts] of state.counts) {
+      const [r, e] = counted(key);
+      if (e === number && this.chosen(r)) sum = sum.map((value, at) => value + counts[at]);
+    }
+    for (const token of state.tokens.values()) if (token.e === number && this.chosen(token.r)) tokens += token.n;
+    const texts = [
+      `${sum[0]} completed`,
+      sum[1] ? `${sum[1]} failed` : "",
+      sum[2] ? `${sum[2]} cancelled` : "",
+      tokens ? `${tokens} token${tokens > 1 ? "s" : ""} here` : "",
+    ];
+    return texts.filter(Boolean).join(" · ");
+  }
+
+  /** Buttons that move the cursor to the previous and the next event of an element. */
+  visits(number, time) {
+    const { store, player } = this.app;
+    const isVisit = ({ columns: { e, w, r } }, at) => e[at] === number && w[at] <= FAIL && this.chosen(r[at]);
+    const go = async (step) => {
+      const found = await store.find(time, step, isVisit);
+      if (found !== null) player.seek(found);
+    };
+    return [
+      h("button", { cls: "text", onclick: () => go(-1) }, "Previous visit"),
+      h("button", { cls: "text", onclick: () => go(1) }, "Next visit"),
+    ];
+  }
+
   // ---- messages and log --------------------------------------------------------------------------
 
-  topics(state, time) {
+  topics(time) {
     const { store, mission } = this.app;
     const last = new Map();
     for (const { data } of store.blocks) {
@@ -679,29 +667,20 @@ export class Inspector {
       }
     }
     if (!last.size)
-      return [h("p", { cls: "quiet" }, mission.messages ? "No message so far." : "This run has no recorded messages.")];
-    return [
-      h(
-        "table",
-        { cls: "variables" },
-        h(
-          "tbody",
-          null,
-          [...last.values()]
-            .sort((a, b) => a[1].localeCompare(b[1]))
-            .map(([t, topic, sender, content]) => {
-              const paths = numbers(content);
-              return h(
-                "tr",
-                { cls: time - t < RECENT ? "fresh" : "", dataset: { key: topic } },
-                h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
-                h("td", null, h("code", null, brief(content, 200))),
-                h("td", { cls: "act" }, paths.length ? this.plotMenu(-1, "", paths, topic) : null),
-              );
-            }),
-        ),
-      ),
-    ];
+      return h("p", { cls: "quiet" }, mission.messages ? "No message so far." : "This run has no recorded messages.");
+    const rows = [...last.values()].sort((a, b) => a[1].localeCompare(b[1])).map((row) => this.message(row, time));
+    return h("table", { cls: "variables" }, h("tbody", null, rows));
+  }
+
+  message([t, topic, sender, content], time) {
+    const paths = numbers(content);
+    return h(
+      "tr",
+      { cls: time - t < RECENT ? "fresh" : "", dataset: { key: topic } },
+      h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
+      h("td", null, h("code", null, brief(content, 200))),
+      h("td", { cls: "act" }, paths.length ? this.plotMenu(-1, "", paths, topic) : null),
+    );
   }
 
   /** Log lines, reports and errors until the cursor, the last first. */
@@ -711,35 +690,30 @@ export class Inspector {
     for (let number = store.numberAt(time); number >= 0 && found.length < LINES; number -= 1) {
       const { data } = store.blocks[number] ?? {};
       if (!data) continue;
-      const { t, r, e, w } = data.columns;
-      for (let at = after(t, time) - 1; at >= 0 && found.length < LINES; at -= 1) {
-        if (![LOG, REPORT, FAIL, END].includes(w[at]) || !this.chosen(r[at])) continue;
-        const word = { [LOG]: "", [REPORT]: "report", [FAIL]: "failed", [END]: "ended" }[w[at]];
-        found.push(
-          h(
-            "li",
-            { cls: w[at] === FAIL ? "failed" : w[at] === REPORT ? "report" : "", dataset: { key: `${number}/${at}` } },
-            this.instant(t[at]),
-            this.robot(r[at]),
-            h(
-              "span",
-              { cls: "line" },
-              word ? h("b", null, word) : null,
-              e[at] >= 0 && w[at] !== END ? [" ", this.element(e[at])] : null,
-              ` ${data.details.get(at) ?? ""}`,
-            ),
-          ),
-        );
-      }
+      const { t, r, w } = data.columns;
+      for (let at = after(t, time) - 1; at >= 0 && found.length < LINES; at -= 1)
+        if (LOGGED.has(w[at]) && this.chosen(r[at])) found.push(this.line(data, at));
     }
-    return found.length
-      ? [h("ol", { cls: "log" }, found)]
-      : [
-          h(
-            "p",
-            { cls: "quiet" },
-            `No log lines of ${mission.robots[this.app.selected.robot]?.name ?? "any robot"} so far.`,
-          ),
-        ];
+    const robot = mission.robots[this.app.selected.robot]?.name ?? "any robot";
+    return found.length ? h("ol", { cls: "log" }, found) : h("p", { cls: "quiet" }, `No log lines of ${robot} so far.`);
+  }
+
+  /** The line of an event of a block. */
+  line({ number, columns: { t, r, e, w }, details }, at) {
+    const what = w[at];
+    const word = LOGGED.get(what);
+    return h(
+      "li",
+      { cls: what === FAIL ? "failed" : what === REPORT ? "report" : "", dataset: { key: `${number}/${at}` } },
+      this.instant(t[at]),
+      this.robot(r[at]),
+      h(
+        "span",
+        { cls: "line" },
+        word ? h("b", null, word) : null,
+        e[at] >= 0 && what !== END ? [" ", this.element(e[at])] : null,
+        ` ${details.get(at) ?? ""}`,
+      ),
+    );
   }
 }

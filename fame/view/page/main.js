@@ -23,17 +23,48 @@ const PAINT = 40; // ms in which the browser paints what a jump has changed
 const SOON = 200; // ms until what was loaded elsewhere is seen
 const SILENCE = 5000; // ms without a message, of which one comes each second, after which what is live is not known
 
+const KEYS = [
+  ["Space", "play, pause"],
+  ["← →", "previous, next event (of the chosen robot)"],
+  ["Shift ← →", "one second back, forward"],
+  ["Home End", "start, end"],
+  ["[ ]", "slower, faster"],
+  ["+ −", "shorter, longer span of the timeline"],
+  ["0", "the whole run"],
+  ["F", "fit the diagram"],
+  ["M", "the whole page for one part, and back"],
+  ["← → Enter", "on a splitter: move it, collapse what is after it"],
+  ["1 … 9 A", "choose a robot, all robots"],
+  ["L", "follow a run that is in progress"],
+  ["Esc", "leave a part with the whole page, clear the selection, then leave a called process"],
+  ["?", "this help"],
+];
+
+const LEGEND = [
+  "A disc is a token: its colour and number are those of the robot. ×3 are three tokens.",
+  "Bars are elements in progress: filled for activities, dashed where a token waits, hatched if cancelled, " +
+    "with a red border and ✕ if failed.",
+  "Arrows are signals, from their sender to the robots that received them. ✕ is an error, ▲ a report.",
+  "Double-click a call activity to see what runs in it.",
+];
+
 class App {
+  mission = { robots: [], elements: [], planes: [], blocks: [], end: 0, reading: 1, kind: "", control: [] };
+  selected = { robot: -1, element: -1 };
+  breakpoints = new Set();
+  findings = new Map();
+  state = null;
+  waiting = false;
+  timer = null; // redraws at `due`
+  due = Infinity;
+  missing = null; // since when the state at the cursor is being loaded (ms)
+  gone = ""; // what has become of the connection, if nothing comes by it
+
   constructor() {
-    this.mission = { robots: [], elements: [], planes: [], blocks: [], end: 0, reading: 1, kind: "", control: [] };
     this.store = new Store(
       (number) => this.fetch(`block/${number}.json`),
       (time) => this.fetch(`at/${time}.json`),
     );
-    this.selected = { robot: -1, element: -1 };
-    this.breakpoints = new Set();
-    this.findings = new Map();
-    this.state = null;
     this.player = new Player(this);
     this.control = new Control(byId("controls"), this);
     this.acts = new Acts(this);
@@ -51,11 +82,6 @@ class App {
     this.store.onchange((number) => this.loaded(number));
     this.tools();
     this.keys();
-    this.waiting = false;
-    this.timer = null; // redraws at `due`
-    this.due = Infinity;
-    this.missing = null; // since when the state at the cursor is being loaded (ms)
-    this.gone = ""; // what has become of the connection, if nothing comes by it
   }
 
   async fetch(path) {
@@ -96,24 +122,30 @@ class App {
       this.findings.set(finding.element, [...known, finding]);
     }
     this.heading();
-    if (models !== this.models || mission.kind === "model") {
-      const trail = models === this.models ? this.diagram.trail : [];
-      this.models = models;
-      this.diagram.planes.clear();
-      this.diagram.trail = trail;
-      if (!trail.length) this.diagram.plane = -1;
-      if (trail.length)
-        await this.diagram.draw(trail.at(-1)[0]); // the same place, at the same zoom
-      else if (mission.planes.length) await this.diagram.open(Math.max(0, mission.robots[0]?.plane ?? 0));
-      else if (mission.models.length) this.diagram.draw(-1);
-      else this.diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
-    }
+    const same = models === this.models;
+    this.models = models;
+    if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
     document.body.dataset.kind = mission.kind;
     if (mission.kind === "model") this.tabs.choose("diagram", false);
     document.body.style.setProperty("--lanes", String(Math.max(2, mission.robots.length)));
     if (mission.monitor && !this.plots.shown.length) this.plots.judge(mission.monitor);
     this.changedPlayer();
     this.redraw();
+  }
+
+  /** Draw the models anew: the same place at the same zoom, if it is still there. */
+  async redrawDiagram(trail) {
+    const { mission, diagram } = this;
+    diagram.planes.clear();
+    diagram.trail = trail;
+    if (trail.length) {
+      await diagram.draw(trail.at(-1)[0]);
+      return;
+    }
+    diagram.plane = -1;
+    if (mission.planes.length) await diagram.open(Math.max(0, mission.robots[0]?.plane ?? 0));
+    else if (mission.models.length) diagram.draw(-1);
+    else diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
   }
 
   heading() {
@@ -494,91 +526,29 @@ class App {
   }
 
   help() {
-    const rows = [
-      ["Space", "play, pause"],
-      ["← →", "previous, next event (of the chosen robot)"],
-      ["Shift ← →", "one second back, forward"],
-      ["Home End", "start, end"],
-      ["[ ]", "slower, faster"],
-      ["+ −", "shorter, longer span of the timeline"],
-      ["0", "the whole run"],
-      ["F", "fit the diagram"],
-      ["M", "the whole page for one part, and back"],
-      ["← → Enter", "on a splitter: move it, collapse what is after it"],
-      ["1 … 9 A", "choose a robot, all robots"],
-      ["L", "follow a run that is in progress"],
-      ["Esc", "leave a part with the whole page, clear the selection, then leave a called process"],
-      ["?", "this help"],
-    ];
     const dialog = byId("help");
+    const keys = KEYS.map(([names, text]) => {
+      const each = names.split(" ").map((name) => h("kbd", null, name));
+      return [h("dt", null, each), h("dd", null, text)];
+    });
+    const legend = LEGEND.map((text) => h("li", null, text));
+    const close = h("button", { title: "Close" }, icon("close"));
     show(
       dialog,
       h(
         "form",
         { method: "dialog" },
-        h("div", { cls: "head" }, h("h2", null, "Keyboard"), h("button", { title: "Close" }, icon("close"))),
-        h(
-          "dl",
-          { cls: "keys" },
-          rows.map(([key, text]) => [
-            h(
-              "dt",
-              null,
-              key.split(" ").map((one) => h("kbd", null, one)),
-            ),
-            h("dd", null, text),
-          ]),
-        ),
+        h("div", { cls: "head" }, h("h2", null, "Keyboard"), close),
+        h("dl", { cls: "keys" }, keys),
         h("h2", null, "Legend"),
-        h(
-          "ul",
-          null,
-          h("li", null, "A disc is a token: its colour and number are those of the robot. ×3 are three tokens."),
-          h(
-            "li",
-            null,
-            "Bars are elements in progress: filled for activities, dashed where a token waits, ",
-            "hatched if cancelled, with a red border and ✕ if failed.",
-          ),
-          h(
-            "li",
-            null,
-            "Arrows are signals, from their sender to the robots that received them. ✕ is an error, ▲ a report.",
-          ),
-          h("li", null, "Double-click a call activity to see what runs in it."),
-        ),
+        h("ul", null, legend),
       ),
     );
     dialog.showModal();
   }
 
   keys() {
-    const { player } = this;
-    const robot = (r) => this.mission.robots[r] && this.select({ robot: r });
-    const actions = {
-      " ": () => this.pause(),
-      ArrowLeft: (event) => (event.shiftKey ? player.seek(player.time - 1e9) : this.step(-1)),
-      ArrowRight: (event) => (event.shiftKey ? player.seek(player.time + 1e9) : this.forward()),
-      Home: () => player.seek(0),
-      End: () => player.seek(this.store.end),
-      "[": () => player.faster(-1),
-      "]": () => player.faster(1),
-      "+": () => this.timeline.zoom(1 / 1.6),
-      "=": () => this.timeline.zoom(1 / 1.6),
-      "-": () => this.timeline.zoom(1.6),
-      0: () => this.timeline.all(),
-      f: () => this.diagram.view.fit(),
-      l: () => this.isLive() && player.follow(),
-      a: () => this.select({ robot: -1 }),
-      "?": () => this.help(),
-      m: () => this.panes.maximise(),
-      Escape: () =>
-        this.panes.restore() ||
-        (this.selected.element >= 0 || this.selected.robot >= 0
-          ? this.select({ robot: -1, element: -1 })
-          : this.diagram.up()),
-    };
-    for (let number = 1; number <= 9; number += 1) actions[number] = () => robot(number - 1);
+    const actions = this.actions();
     addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
       if (/^(input|select|textarea)$/i.test(event.target.localName)) return;
@@ -588,6 +558,39 @@ class App {
       event.preventDefault();
       action(event);
     });
+  }
+
+  /** What the keys do. */
+  actions() {
+    const { player, timeline } = this;
+    const choose = (r) => this.mission.robots[r] && this.select({ robot: r });
+    const digits = [1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => choose(number - 1)]);
+    return {
+      ...Object.fromEntries(digits),
+      " ": () => this.pause(),
+      ArrowLeft: (event) => (event.shiftKey ? player.seek(player.time - 1e9) : this.step(-1)),
+      ArrowRight: (event) => (event.shiftKey ? player.seek(player.time + 1e9) : this.forward()),
+      Home: () => player.seek(0),
+      End: () => player.seek(this.store.end),
+      "[": () => player.faster(-1),
+      "]": () => player.faster(1),
+      "+": () => timeline.zoom(1 / 1.6),
+      "=": () => timeline.zoom(1 / 1.6),
+      "-": () => timeline.zoom(1.6),
+      0: () => timeline.all(),
+      f: () => this.diagram.view.fit(),
+      l: () => this.isLive() && player.follow(),
+      a: () => this.select({ robot: -1 }),
+      "?": () => this.help(),
+      m: () => this.panes.maximise(),
+      Escape: () => this.panes.restore() || this.escape(),
+    };
+  }
+
+  escape() {
+    const { robot, element } = this.selected;
+    if (element >= 0 || robot >= 0) this.select({ robot: -1, element: -1 });
+    else this.diagram.up();
   }
 }
 

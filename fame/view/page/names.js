@@ -90,6 +90,30 @@ function begins({ owner, at: [, y, , height], lines }, size) {
   return owner && y + height / 2 < owner[1] ? y + height - tall : y + (height - tall) / 2;
 }
 
+/** A text of a drawing with its place, what it names (`owner`: the box of that), and how much room it has in there. */
+function nameOf(node, shapes, shift) {
+  const group = node.parentNode.closest("[data-element]") ?? s("g");
+  const box = shapes.get(Number(group.dataset.element));
+  const owner = box && moved(box, shift);
+  const kept = [...node.childNodes];
+  const size = Number(node.getAttribute("font-size"));
+  const lines = kept.map((one) => one.textContent);
+  const [corner, foot] = [-1, 1].map((side) => signs(group, owner, side));
+  const halo = node.hasAttribute("paint-order") || !owner;
+  const [x, first] = ["x", "y"].map((name) => Number(kept[0].getAttribute(name)));
+  const width = Math.max(...lines.map((line) => wide(line, size)));
+  const titled = group.classList.contains("frame");
+  const room = titled ? [owner[0], owner[1] + 2, owner[2], 2 * size + 2 * PAD] : owner;
+  const at = [x - width / 2, first - 0.95 * size, width, lines.length * size * LEADING];
+  return { group, node, kept, size, lines, text: lines.join(" "), x, corner, foot, halo, owner, box: room, at };
+}
+
+/** Whether a shape has pictograms in its upper (`side` -1) or lower (1) half: 1 or 0. */
+function signs(group, owner, side) {
+  const found = [...group.querySelectorAll(":scope > g")];
+  return Number(found.some((sign) => owner && side * (heightOf(sign) - owner[1] - owner[3] / 2) > 0));
+}
+
 export class Names {
   /** The names of a plane: a text is inside its shape, or beside it with a halo; pools and lanes are named by pins. */
   constructor({ drawing, groups, shapes, shift, pins }) {
@@ -98,41 +122,7 @@ export class Names {
     this.shapes = [...shapes]
       .filter(([number]) => groups.has(number) && !groups.get(number).classList.contains("frame"))
       .map(([number, box]) => [groups.get(number), moved(box, shift)]);
-    this.names = [];
-    for (const node of drawing.querySelectorAll("text")) {
-      const group = node.parentNode.closest("[data-element]") ?? s("g");
-      const box = shapes.get(Number(group.dataset.element));
-      const owner = box && moved(box, shift);
-      const kept = [...node.childNodes];
-      const size = Number(node.getAttribute("font-size"));
-      const lines = kept.map((one) => one.textContent);
-      const [corner, foot] = [-1, 1].map((side) =>
-        Number(
-          [...group.querySelectorAll(":scope > g")].some(
-            (sign) => owner && side * (heightOf(sign) - owner[1] - owner[3] / 2) > 0,
-          ),
-        ),
-      );
-      const halo = node.hasAttribute("paint-order") || !owner;
-      const [x, first] = ["x", "y"].map((name) => Number(kept[0].getAttribute(name)));
-      const width = Math.max(...lines.map((line) => wide(line, size)));
-      const title = group.classList.contains("frame") ? [owner[0], owner[1] + 2, owner[2], 2 * size + 2 * PAD] : owner;
-      this.names.push({
-        group,
-        node,
-        kept,
-        size,
-        lines,
-        text: lines.join(" "),
-        x,
-        corner,
-        foot,
-        halo,
-        owner,
-        box: title,
-        at: [x - width / 2, first - 0.95 * size, width, lines.length * size * LEADING],
-      });
-    }
+    this.names = [...drawing.querySelectorAll("text")].map((node) => nameOf(node, shapes, shift));
   }
 
   /** Show what can be read at a scale. */
@@ -194,6 +184,33 @@ export class Names {
   }
 }
 
+/** Where the name of a pool or lane is shown: {box: [x, y, width, height], long}; null where it has no room. */
+function pinAt({ box, depth, over }, origin, scale, room) {
+  const along = 1 - over;
+  const edge = (end) => (axis) => origin[axis] + (box[axis] + end * box[2 + axis]) * scale;
+  const [begins, ends] = [0, 1].map((end) => [0, 1].map(edge(end)));
+  const band = BAND * scale;
+  const wideAs = Math.max(band, 20);
+  const from = Math.max(depth * 20, begins[over] + band - wideAs);
+  const first = Math.max(0, begins[along]);
+  const long = Math.min(room[along], ends[along]) - first;
+  if (from + wideAs > ends[over] || long < 2 * LEAST) return null;
+  return { box: over ? [first, from, long, wideAs] : [from, first, wideAs, long], long };
+}
+
+function pin({ number, text, turned }, { box: [x, y, width, height], long }, scale, on) {
+  const size = Math.min(Math.max(12 * scale, 11), 16);
+  const shown = cut(text, long - 6, size);
+  const transform = `translate(${x + width / 2} ${y + height / 2})${turned ? " rotate(-90)" : ""}`;
+  return s(
+    "g",
+    { cls: on ? "pin on" : "pin", dataset: { element: number } },
+    s("title", null, text),
+    s("rect", { x, y, width, height }),
+    shown ? s("text", { transform, y: 0.35 * size, "font-size": size, "text-anchor": "middle" }, shown) : null,
+  );
+}
+
 /**
  * The names of pools and lanes, in their band (left, or above where they are drawn upright) or, where that is out of
  * sight, at the edge: they stay while one scrolls.
@@ -220,40 +237,9 @@ export class Pins {
   /** The content is at `origin` [x, y] in a box of a size [width, height]. */
   place(origin, scale, room, chosen) {
     this.node.replaceChildren(
-      ...this.frames.flatMap(({ number, text, box, depth, turned, over }) => {
-        const along = 1 - over;
-        const [begins, ends] = [0, 1].map((end) =>
-          [0, 1].map((axis) => origin[axis] + (box[axis] + end * box[2 + axis]) * scale),
-        );
-        const band = BAND * scale;
-        const wideAs = Math.max(band, 20);
-        const from = Math.max(depth * 20, begins[over] + band - wideAs);
-        const first = Math.max(0, begins[along]);
-        const long = Math.min(room[along], ends[along]) - first;
-        const size = Math.min(Math.max(12 * scale, 11), 16);
-        const shown = cut(text, long - 6, size);
-        const at = (a, b) => (over ? [b, a] : [a, b]);
-        if (from + wideAs > ends[over] || long < 2 * LEAST) return [];
-        const [x, y] = at(from, first);
-        const [width, height] = at(wideAs, long);
-        return s(
-          "g",
-          { cls: number === chosen ? "pin on" : "pin", dataset: { element: number } },
-          s("title", null, text),
-          s("rect", { x, y, width, height }),
-          shown
-            ? s(
-                "text",
-                {
-                  transform: `translate(${x + width / 2} ${y + height / 2})${turned ? " rotate(-90)" : ""}`,
-                  y: 0.35 * size,
-                  "font-size": size,
-                  "text-anchor": "middle",
-                },
-                shown,
-              )
-            : null,
-        );
+      ...this.frames.flatMap((frame) => {
+        const place = pinAt(frame, origin, scale, room);
+        return place === null ? [] : pin(frame, place, scale, frame.number === chosen);
       }),
     );
   }

@@ -13,6 +13,18 @@ export function numeric(value, path) {
   return typeof found === "number" ? found : NaN;
 }
 
+/** The lowest and highest of some values and of the band around them; Infinity and -Infinity without numbers. */
+function rangeOf(values, band, first, last) {
+  let low = Infinity;
+  let high = -Infinity;
+  for (let at = first; at <= last; at += 1) {
+    if (values[at] < low) low = values[at];
+    if (values[at] > high) high = values[at];
+    if (band && band.low[at] !== null) [low, high] = [Math.min(low, band.low[at]), Math.max(high, band.high[at])];
+  }
+  return [low, high];
+}
+
 export class Plots {
   constructor(app, timeline) {
     this.app = app;
@@ -150,7 +162,7 @@ export class Plots {
       const wide = Math.max(2, Math.min(timeline.width + 2, timeline.x(until)) - left);
       if (left > timeline.width || wide < 2) continue;
       context.fillRect(left, top + 2, wide, HEIGHT - 4);
-      hits.push([left, top, wide, HEIGHT, null, null, null, null, { from, until, text }]);
+      hits.push({ box: [left, top, wide, HEIGHT], alarm: { from, until, text } });
     }
     context.globalAlpha = 1;
   }
@@ -167,21 +179,14 @@ export class Plots {
     const { timeline } = this;
     const [times, values] = this.series(plot);
     const first = Math.max(0, after(times, timeline.from) - 1);
-    let low = Infinity;
-    let high = -Infinity;
     const last = Math.min(times.length - 1, after(times, timeline.until));
-    for (let at = first; at <= last; at += 1) {
-      if (values[at] < low) low = values[at];
-      if (values[at] > high) high = values[at];
-      if (plot.band && plot.band.low[at] !== null)
-        [low, high] = [Math.min(low, plot.band.low[at]), Math.max(high, plot.band.high[at])];
-    }
+    let [low, high] = rangeOf(values, plot.band, first, last);
     context.fillStyle = css("--line");
     context.fillRect(0, top + HEIGHT - 1, timeline.width, 1);
     context.font = "10px system-ui, sans-serif";
     context.textBaseline = "middle";
-    context.fillStyle = css("--muted");
     if (low > high) {
+      context.fillStyle = css("--muted");
       context.textAlign = "left";
       context.fillText("no numbers in this span of time", 6, top + HEIGHT / 2);
       return;
@@ -192,29 +197,33 @@ export class Plots {
     context.strokeStyle = plot.band ? css("--ink") : plot.topic ? css("--accent") : robotColour(plot.r);
     context.lineWidth = 1.5;
     context.lineJoin = "round";
-    context.beginPath();
+    this.drawSteps(context, times, values, [first, last], y);
+    context.fillStyle = css("--muted");
+    context.textAlign = "right";
+    for (const value of [high, low])
+      context.fillText(String(Number(value.toPrecision(4))), timeline.width - 4, y(value));
+    context.textAlign = "left";
+  }
+
+  /** Draw values that hold until the next one; where there is none (NaN) there is a gap. */
+  drawSteps(context, times, values, [first, last], y) {
+    const { timeline } = this;
     let before = NaN;
     let px = -9;
     let lowest = NaN;
     let highest = NaN;
+    context.beginPath();
     for (let at = first; at <= last; at += 1) {
       const value = values[at];
       const x = timeline.x(times[at]);
-      if (Number.isNaN(value)) {
-        before = NaN;
-        continue;
-      }
-      if (Math.round(x) === px) {
+      if (!Number.isNaN(value) && Math.round(x) === px) {
         // many in one pixel: a vertical line from the lowest to the highest
         lowest = Math.min(lowest, value);
         highest = Math.max(highest, value);
         if (value === lowest || value === highest) context.lineTo(x, y(value));
-      } else {
+      } else if (!Number.isNaN(value)) {
         if (Number.isNaN(before)) context.moveTo(x, y(value));
-        else {
-          context.lineTo(x, y(before));
-          context.lineTo(x, y(value));
-        }
+        else for (const level of [before, value]) context.lineTo(x, y(level));
         px = Math.round(x);
         lowest = highest = value;
       }
@@ -222,10 +231,5 @@ export class Plots {
     }
     if (!Number.isNaN(before)) context.lineTo(Math.min(timeline.x(this.app.store.end), timeline.width), y(before));
     context.stroke();
-    context.fillStyle = css("--muted");
-    context.textAlign = "right";
-    context.fillText(String(Number(high.toPrecision(4))), timeline.width - 4, y(high));
-    context.fillText(String(Number(low.toPrecision(4))), timeline.width - 4, y(low));
-    context.textAlign = "left";
   }
 }

@@ -97,51 +97,45 @@ export class Properties {
 
   drawOne(context, lane, top, hits) {
     const { timeline } = this;
-    const { store } = this.app;
-    const failed = css("--failed");
-    const accent = css("--accent");
     const bottom = top + HEIGHT - 4;
     context.fillStyle = css("--line");
     context.fillRect(0, top + HEIGHT - 1, timeline.width, 1);
     for (const span of lane.spans) {
-      const until = Math.min(span.until, store.end);
+      const until = Math.min(span.until, this.app.store.end);
       const left = Math.max(-2, timeline.x(span.from));
       const right = Math.min(timeline.width + 2, timeline.x(until));
       if (right < 0 || left > timeline.width) continue;
       const wide = Math.max(2, right - left);
-      const bad = span.verdict === "violated";
-      const at = (time) => timeline.x(time);
-      context.globalAlpha = 0.22;
-      context.fillStyle = bad ? failed : accent;
-      context.fillRect(left, top + 4, wide, HEIGHT - 8);
-      context.globalAlpha = 1;
-      if (Number.isFinite(span.due)) {
-        // what is left falls in a straight line
-        const rest = Math.max(0, (span.due - until) / (span.due - span.from));
-        this.line(
-          context,
-          [
-            [at(span.from), top + 4],
-            [at(until), bottom - rest * (HEIGHT - 8)],
-          ],
-          bad ? failed : accent,
-        );
-      }
-      if (bad) {
-        const x = timeline.x(span.until);
-        context.fillStyle = failed;
-        context.fillRect(x - 1.5, top + 2, 3, HEIGHT - 4);
-        cross(context, x, top + 13, 5, failed, 1.2);
-      }
-      hits.push([left - 5, top, wide + 10, HEIGHT, null, null, null, [lane, span]]);
+      this.drawSpan(context, span, until, top, [left, wide]);
+      hits.push({ box: [left - 5, top, wide + 10, HEIGHT], property: [lane, span] });
     }
     if (lane.curve.length > 1) {
       const most = Math.max(...lane.curve.map(([, slack]) => slack), 1e-9);
-      const points = lane.curve.map(([time, slack]) => [
-        timeline.x(time),
-        bottom - (Math.max(0, slack) / most) * (HEIGHT - 8),
-      ]);
-      this.line(context, [...points, [timeline.x(store.end), points.at(-1)[1]]], accent);
+      const y = (slack) => bottom - (Math.max(0, slack) / most) * (HEIGHT - 8);
+      const points = lane.curve.map(([time, slack]) => [timeline.x(time), y(slack)]);
+      this.line(context, [...points, [timeline.x(this.app.store.end), points.at(-1)[1]]], css("--accent"));
+    }
+  }
+
+  /** Draw a span in which a property was pending or violated, and how much of its time is left: that falls steadily. */
+  drawSpan(context, span, until, top, [left, wide]) {
+    const { timeline } = this;
+    const bad = span.verdict === "violated";
+    const colour = css(bad ? "--failed" : "--accent");
+    context.globalAlpha = 0.22;
+    context.fillStyle = colour;
+    context.fillRect(left, top + 4, wide, HEIGHT - 8);
+    context.globalAlpha = 1;
+    if (Number.isFinite(span.due)) {
+      const rest = Math.max(0, (span.due - until) / (span.due - span.from));
+      const end = [timeline.x(until), top + HEIGHT - 4 - rest * (HEIGHT - 8)];
+      this.line(context, [[timeline.x(span.from), top + 4], end], colour);
+    }
+    if (bad) {
+      const x = timeline.x(span.until);
+      context.fillStyle = colour;
+      context.fillRect(x - 1.5, top + 2, 3, HEIGHT - 4);
+      cross(context, x, top + 13, 5, colour, 1.2);
     }
   }
 

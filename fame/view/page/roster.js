@@ -110,19 +110,30 @@ export function nameOf(app, element) {
 
 function activity(app, state, row) {
   const { elements } = app.mission;
+  const found = candidates(app, state, row);
+  const [first, ...more] = found.sort((a, b) => b.rank - a.rank || b.since - a.since);
+  if (first === undefined) return null;
+  const spoken = SPOKEN.test(elements[first.e].tag);
+  return {
+    element: first.e,
+    doing: `${spoken ? "" : "Waits: "}${nameOf(app, first.e)}`,
+    more: more.filter(({ rank }) => rank > 1).length,
+    since: first.since,
+    progress: progress(app, state, row, first),
+  };
+}
+
+/** The elements that hold a robot's tokens: {e, rank: how much it says of what the robot does, since, scopes}. */
+function candidates(app, state, row) {
+  const { elements } = app.mission;
   const held = new Set(row.waits.filter((wait) => wait.suspended).map((wait) => `${wait.scope}/${wait.e}`));
   const around = new Set(row.tokens.flatMap((token) => state.openers(token.r, token.s)));
   const found = new Map();
   for (const token of row.tokens) {
-    const openers = state.openers(token.r, token.s);
-    const e = drawn(app, openers, token.e);
+    const e = drawn(app, state.openers(token.r, token.s), token.e);
     const element = elements[e];
-    if (
-      element === undefined ||
-      /Gateway|process$/.test(element.tag) ||
-      (around.has(token.e) && element.calls === undefined)
-    )
-      continue;
+    const within = around.has(token.e) && element?.calls === undefined;
+    if (element === undefined || /Gateway|process$/.test(element.tag) || within) continue;
     const need = row.open.some((wait) => wait.e === token.e && wait.scope === token.s);
     const still = held.has(`${token.s}/${token.e}`);
     const rank = need ? 4 : still ? 0 : SPOKEN.test(element.tag) ? 3 : 1;
@@ -134,17 +145,7 @@ function activity(app, state, row) {
       scopes: [...(known?.scopes ?? []), token.s],
     });
   }
-  const [first, ...more] = [...found.values()].sort((a, b) => b.rank - a.rank || b.since - a.since);
-  if (first === undefined) return null;
-  const spoken = SPOKEN.test(elements[first.e].tag);
-  const others = more.filter(({ rank }) => rank > 1).length;
-  return {
-    element: first.e,
-    doing: `${spoken ? "" : "Waits: "}${nameOf(app, first.e)}`,
-    more: others,
-    since: first.since,
-    progress: progress(app, state, row, first),
-  };
+  return [...found.values()];
 }
 
 /** How far an activity has come: from the feedback of its action, or the way to its goal. */

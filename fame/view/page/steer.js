@@ -134,21 +134,44 @@ export class Steer {
   open() {
     const { steers, r } = this.held;
     const { name } = this.app.mission.robots[r];
-    const push = (event) => event.currentTarget.hasPointerCapture(event.pointerId) && this.pushAt(event);
-    const rest = () => this.push([0, 0]);
-    const button = (text, title, action, cls = "") => h("button", { cls: `text ${cls}`, title, onclick: action }, text);
-    this.knob = h("i");
-    this.speed = h("input", {
-      type: "range",
-      min: 0.1,
-      max: 1,
-      step: 0.1,
-      value: 0.3,
-      "aria-label": "Speed",
-      oninput: () => this.shown(),
-    });
-    this.value = h("output");
+    const pad = this.drive();
+    const drive = steers ? pad : h("p", { cls: "quiet" }, "It cannot be steered: it only holds.");
     this.place = h("select", { "aria-label": "Activity" });
+    const leave = this.ending("Let go", "suspend", "Its mission stays suspended, for somebody else");
+    this.root.replaceChildren(
+      h("div", { cls: "bar" }, h("h2", null, `You hold ${name}`), h("span", { cls: "space" }), leave),
+      h(
+        "div",
+        { cls: "hand" },
+        drive,
+        h(
+          "div",
+          { cls: "acts" },
+          this.ending("Resume", "continue", "Activities begin again with their variables", "strong"),
+          this.place,
+          this.ending("Restart", "restart", "The activity begins anew, with all that it called"),
+          this.ending("Skip", "skip", "The activity is left without its results"),
+          this.ending("Fail", "fail", "The activity raises the error taken_over"),
+        ),
+      ),
+    );
+    this.root.hidden = false;
+    this.shown();
+    this.update(this.app.state);
+  }
+
+  /** A button that ends the taking over. */
+  ending(text, how, title, cls = "") {
+    return h("button", { cls: `text ${cls}`, title, onclick: () => this.end(how) }, text);
+  }
+
+  /** The pad, and the speed that its rim stands for. */
+  drive() {
+    const rest = () => this.push([0, 0]);
+    const range = { type: "range", min: 0.1, max: 1, step: 0.1, value: 0.3 };
+    this.knob = h("i");
+    this.speed = h("input", { ...range, "aria-label": "Speed", oninput: () => this.shown() });
+    this.value = h("output");
     const pad = h(
       "div",
       {
@@ -159,7 +182,7 @@ export class Steer {
           event.currentTarget.setPointerCapture(event.pointerId);
           this.pushAt(event);
         },
-        onpointermove: push,
+        onpointermove: (event) => event.currentTarget.hasPointerCapture(event.pointerId) && this.pushAt(event),
         onpointerup: rest,
         onpointercancel: rest,
         onlostpointercapture: rest,
@@ -167,34 +190,7 @@ export class Steer {
       icon("plus"),
       this.knob,
     );
-    this.root.replaceChildren(
-      h(
-        "div",
-        { cls: "bar" },
-        h("h2", null, `You hold ${name}`),
-        h("span", { cls: "space" }),
-        button("Let go", "Its mission stays suspended, for somebody else", () => this.end("suspend")),
-      ),
-      h(
-        "div",
-        { cls: "hand" },
-        steers
-          ? h("div", { cls: "drive" }, pad, h("label", null, "Speed ", this.speed, this.value))
-          : h("p", { cls: "quiet" }, "It cannot be steered: it only holds."),
-        h(
-          "div",
-          { cls: "acts" },
-          button("Resume", "Activities begin again with their variables", () => this.end("continue"), "strong"),
-          this.place,
-          button("Restart", "The activity begins anew, with all that it called", () => this.end("restart")),
-          button("Skip", "The activity is left without its results", () => this.end("skip")),
-          button("Fail", "The activity raises the error taken_over", () => this.end("fail")),
-        ),
-      ),
-    );
-    this.root.hidden = false;
-    this.shown();
-    this.update(this.app.state);
+    return h("div", { cls: "drive" }, pad, h("label", null, "Speed ", this.speed, this.value));
   }
 
   shown() {

@@ -28,8 +28,18 @@ export function after(values, time, of = (value) => value) {
 /** A scope as the page keeps it, from its row. */
 const scopeFrom = ([r, s, i, parent, opener, depth]) => [`${r}/${s}`, { r, s, i, parent, opener, depth }];
 
+/** Where a token is, as a key. */
+export const tokenKey = (r, i, s, e) => `${r}/${i}/${s}/${e}`;
+
 /** Whether a token is this one, of whose scope the path alone is known. */
 const isByPath = (token, r, i, e) => token.s < -1 && token.r === r && token.i === i && token.e === e;
+
+const ELEMENTS = 2 ** 20; // more than there are elements
+
+const countKey = (r, e) => r * ELEMENTS + e;
+
+/** Robot and element of a key of `State.counts`. */
+export const counted = (key) => [Math.floor(key / ELEMENTS), key % ELEMENTS];
 
 /** The state of a run at an instant. `apply` moves it forward within its block. */
 export class State {
@@ -47,16 +57,16 @@ export class State {
     this.ends = new Map((key.ends ?? []).map(([r, ...ends]) => [r, ends]));
     this.poses = new Map(key.poses);
     this.world = new Map(Object.entries(key.world));
-    for (const [r, i, s, e, n, since] of key.tokens) this.tokens.set(`${r}/${i}/${s}/${e}`, { r, i, s, e, n, since });
+    for (const [r, i, s, e, n, since] of key.tokens) this.tokens.set(tokenKey(r, i, s, e), { r, i, s, e, n, since });
     for (const [r, e, done, failed, cancelled] of key.counts)
-      this.counts.set(r * 1048576 + e, [done, failed, cancelled]);
+      this.counts.set(countKey(r, e), [done, failed, cancelled]);
     for (const [r, s, values] of key.variables) {
       this.variables.set(`${r}/${s}`, { r, s, values: new Map(Object.entries(values)) });
     }
   }
 
   count(r, e, outcome, by = 1) {
-    const key = r * 1048576 + e;
+    const key = countKey(r, e);
     let counts = this.counts.get(key);
     if (counts === undefined) this.counts.set(key, (counts = [0, 0, 0]));
     counts[outcome] += by;
@@ -96,7 +106,7 @@ export class State {
       this.ended(r, i);
       return;
     }
-    const key = `${r}/${i}/${s}/${e}`;
+    const key = tokenKey(r, i, s, e);
     let held = this.tokens.get(key);
     if (w === ENTER) {
       if (held === undefined) this.tokens.set(key, { r, i, s, e, n: 1, since: time });
@@ -105,7 +115,7 @@ export class State {
     }
     held ??= [...this.tokens.values()].find((one) => isByPath(one, r, i, e));
     if (held !== undefined) {
-      if (held.n === 1) this.tokens.delete(`${r}/${i}/${held.s}/${e}`);
+      if (held.n === 1) this.tokens.delete(tokenKey(r, i, held.s, e));
       else held.n -= 1;
     } else if (w === FAIL) this.count(r, e, 0, -1);
     this.count(r, e, w === LEAVE ? 0 : w === FAIL ? 1 : 2);
@@ -384,7 +394,7 @@ function prepared(data) {
     details: new Map(),
     scopeIndex: new Map(data.key.scopes.map(scopeFrom)),
   };
-  block.held = new Set(data.key.tokens.map(([r, i, s, e]) => `${r}/${i}/${s}/${e}`)); // where tokens are at its start
+  block.held = new Set(data.key.tokens.map(([r, i, s, e]) => tokenKey(r, i, s, e))); // where tokens are at its start
   // not copied: `extend` adds nothing that is there
   block.columns = Object.fromEntries(COLUMNS.map((name) => [name, data[name]]));
   for (const name of LISTS) block[name] = data[name];
@@ -411,39 +421,51 @@ function extend(block, data) {
   return true;
 }
 
-/** The executions in a block: bars of the timeline. Each is clipped to the block but knows when it began. */
-export function spansOf(block) {
-  if (block.spans) return block.spans;
-  const spans = [];
-  const open = new Map();
-  const begin = (r, i, s, e, t) => {
-    const depth = block.scopeIndex.get(`${r}/${s}`)?.depth ?? 0;
-    const span = { r, i, s, e, from: t, until: Infinity, how: -1, depth };
-    spans.push(span);
-    const key = `${r}/${i}/${s}/${e}`;
-    const held = open.get(key);
-    if (held) held.push(span);
-    else open.set(key, [span]);
-  };
-  const finish = (r, i, s, e, t, how) => {
-    const held =
-      open.get(`${r}/${i}/${s}/${e}`)?.shift() ??
-      [...open.values()].find(([one]) => one && isByPath(one, r, i, e))?.shift();
-    if (held !== undefined) Object.assign(held, { until: t, how });
-  };
-  for (const [r, i, s, e, n, since] of block.key.tokens) for (let k = 0; k < n; k += 1) begin(r, i, s, e, since);
-  const { t, r, i, s, e, w } = block.columns;
-  for (let at = 0; at < t.length; at += 1) {
-    if (w[at] === ENTER) begin(r[at], i[at], s[at], e[at], t[at]);
-    else if (w[at] === LEAVE || w[at] === CANCEL || w[at] === FAIL) finish(r[at], i[at], s[at], e[at], t[at], w[at]);
-    else if (w[at] === END) {
-      for (const held of open.values()) {
-        for (const span of held)
-          if (span.r === r[at] && span.i === i[at]) Object.assign(span, { until: t[at], how: CANCEL });
-        if (held.length && held[0].r === r[at] && held[0].i === i[at]) held.length = 0;
-      }
+/** Follows the tokens of a block from event to event. */
+class Spans {
+  constructor(block) {
+    this.block = block;
+    this.found = [];
+    this.open = new Map(); // by key of the token, the oldest first
+    for (const [r, i, s, e, n, since] of block.key.tokens)
+      for (let count = 0; count < n; count += 1) this.begin(r, i, s, e, since);
+    const { t, r, i, s, e, w } = block.columns;
+    for (let at = 0; at < t.length; at += 1) {
+      if (w[at] === ENTER) this.begin(r[at], i[at], s[at], e[at], t[at]);
+      else if (w[at] === LEAVE || w[at] === CANCEL || w[at] === FAIL)
+        this.finish(r[at], i[at], s[at], e[at], t[at], w[at]);
+      else if (w[at] === END) this.cancel(r[at], i[at], t[at]);
     }
   }
-  block.spans = spans;
-  return spans;
+
+  begin(r, i, s, e, t) {
+    const depth = this.block.scopeIndex.get(`${r}/${s}`)?.depth ?? 0;
+    const span = { r, i, s, e, from: t, until: Infinity, how: -1, depth };
+    const key = tokenKey(r, i, s, e);
+    this.found.push(span);
+    if (this.open.has(key)) this.open.get(key).push(span);
+    else this.open.set(key, [span]);
+  }
+
+  finish(r, i, s, e, t, how) {
+    const span =
+      this.open.get(tokenKey(r, i, s, e))?.shift() ??
+      [...this.open.values()].find(([one]) => one && isByPath(one, r, i, e))?.shift();
+    if (span !== undefined) Object.assign(span, { until: t, how });
+  }
+
+  /** An instance has ended, and with it whatever it still did. */
+  cancel(r, i, t) {
+    for (const held of this.open.values()) {
+      if (held[0]?.r !== r || held[0].i !== i) continue;
+      for (const span of held) Object.assign(span, { until: t, how: CANCEL });
+      held.length = 0;
+    }
+  }
+}
+
+/** The executions in a block: bars of the timeline. Each is clipped to the block but knows when it began. */
+export function spansOf(block) {
+  block.spans ??= new Spans(block).found;
+  return block.spans;
 }

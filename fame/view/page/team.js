@@ -28,6 +28,8 @@ export function ago(time) {
   return `${Math.floor(seconds / 3600)} h ${Math.floor((seconds % 3600) / 60)} min`;
 }
 
+const small = (text) => (text ? h("small", null, text) : null);
+
 export class Team {
   constructor(team, needs, app) {
     this.app = app;
@@ -128,27 +130,10 @@ export class Team {
     const by = row.state === "suspended" && row.by ? `by ${row.by}` : "";
     const lost = missed ? `${ago(time - missed.time)} ago` : "";
     const hand = app.acts.can("take_over") && HELD.has(row.state) && app.steer.held?.r !== row.r;
-    const small = (text) => (text ? h("small", null, text) : null);
+    const sign = () => h("span", { cls: "glyph" }, icon(SIGNS[row.state]));
     return [
-      [
-        `${row.name} ${row.element} ${isDark()}`,
-        () =>
-          h(
-            "button",
-            { cls: "who", title: `Show ${row.name} in its diagram`, onclick: () => app.goTo(row.r, row.element) },
-            swatch(row.r),
-            row.name,
-          ),
-      ],
-      [
-        row.state + by + row.failed,
-        () => [
-          h("span", { cls: "glyph" }, icon(SIGNS[row.state])),
-          STATE_WORDS[row.state],
-          small(by),
-          small(row.failed),
-        ],
-      ],
+      [`${row.name} ${row.element} ${isDark()}`, () => this.who(row)],
+      [row.state + by + row.failed, () => [sign(), STATE_WORDS[row.state], small(by), small(row.failed)]],
       [
         `${row.doing} ${row.more} ${row.progress}`,
         () => [row.doing, small(row.more ? `and ${row.more} more` : ""), small(row.progress)],
@@ -157,23 +142,18 @@ export class Team {
       [String(row.battery), () => [this.battery(row.battery)]],
       [String(open?.e), () => [open ? nameOf(app, open.e) : ""]],
       [`${missed?.e} ${lost}`, () => (missed ? [nameOf(app, missed.e), small(lost)] : [])],
-      [
-        String(hand),
-        () => [
-          hand
-            ? h(
-                "button",
-                {
-                  cls: "text",
-                  title: `Suspend the mission of ${row.name}, and steer it`,
-                  onclick: () => app.steer.takeOver(row.r),
-                },
-                "Take over",
-              )
-            : null,
-        ],
-      ],
+      [String(hand), () => [hand ? this.takeOver(row) : null]],
     ];
+  }
+
+  who({ r, name, element }) {
+    const action = () => this.app.goTo(r, element);
+    return h("button", { cls: "who", title: `Show ${name} in its diagram`, onclick: action }, swatch(r), name);
+  }
+
+  takeOver({ r, name }) {
+    const title = `Suspend the mission of ${name}, and steer it`;
+    return h("button", { cls: "text", title, onclick: () => this.app.steer.takeOver(r) }, "Take over");
   }
 
   battery(charge) {

@@ -4,34 +4,41 @@
 import { h, icon, renew, show } from "./dom.js";
 import { SPEEDS } from "./player.js";
 
+const button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
+
+const zooms = (timeline) => [
+  button("minus", "Longer span (−)", () => timeline.zoom(1.6)),
+  button("plus", "Shorter span (+)", () => timeline.zoom(1 / 1.6)),
+  button("fit", "The whole run (0)", () => timeline.all()),
+];
+
+function levels(timeline) {
+  const onchange = () => {
+    timeline.levels = Number(pick.value);
+    timeline.app.redraw();
+  };
+  const pick = h(
+    "select",
+    { title: "How many levels of called processes have bars", "aria-label": "Levels", onchange },
+    [1, 2, 3, 4].map((count) => h("option", { value: count }, `${count} level${count > 1 ? "s" : ""}`)),
+  );
+  pick.value = "2";
+  return pick;
+}
+
 export class Transport {
   constructor(root, timeline) {
     const { app } = timeline;
-    const button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
+    const follow = () => app.player.follow();
+    this.app = app;
     this.playButton = h("button", { cls: "play", onclick: () => app.pause() });
     this.now = h("output", { cls: "now", "aria-label": "Time" });
     this.total = h("span", { cls: "total" });
     this.speed = h("select", { onchange: () => app.setSpeed(Number(this.speed.value)) });
-    this.live = h(
-      "button",
-      { cls: "text live", hidden: true, title: "Follow the run (L)", onclick: () => app.player.follow() },
-      icon("dot"),
-      "Live",
-    );
+    const live = { cls: "text live", hidden: true, title: "Follow the run (L)", onclick: follow };
+    this.live = h("button", live, icon("dot"), "Live");
     this.reading = h("span", { cls: "reading", role: "status" });
-    this.level = h(
-      "select",
-      {
-        title: "How many levels of called processes have bars",
-        "aria-label": "Levels",
-        onchange: () => {
-          timeline.levels = Number(this.level.value);
-          app.redraw();
-        },
-      },
-      [1, 2, 3, 4].map((count) => h("option", { value: count }, `${count} level${count > 1 ? "s" : ""}`)),
-    );
-    this.level.value = "2";
+    this.level = levels(timeline);
     root.append(
       h(
         "div",
@@ -44,17 +51,9 @@ export class Transport {
         this.live,
         this.reading,
         h("span", { cls: "space" }),
-        h(
-          "div",
-          { cls: "tools levels" },
-          this.level,
-          button("minus", "Longer span (−)", () => timeline.zoom(1.6)),
-          button("plus", "Shorter span (+)", () => timeline.zoom(1 / 1.6)),
-          button("fit", "The whole run (0)", () => timeline.all()),
-        ),
+        h("div", { cls: "tools levels" }, this.level, zooms(timeline)),
       ),
     );
-    this.app = app;
     this.playerChanged();
   }
 

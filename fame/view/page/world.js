@@ -163,6 +163,10 @@ function limb(outline, { limb: joints = [], jaws = -1 }) {
 /** Ranks of labels: names of robots, what they do, names of things. */
 const [NAME, TASK, THING] = [0, 1, 2];
 const ASIDE = [0, 1.1, -1.1, 2.2, -2.2, 3.3, -3.3];
+const GLOW = [
+  [2.2, "3c"],
+  [1.4, "6e"],
+]; // of a lamp: how far it reaches, and how dense that is
 const SYMBOLS = { drone, tractor, mh5: arm, ur5e: arm };
 
 /** Whether a robot was put from one place to the next: [ns, x, y] each. */
@@ -177,38 +181,13 @@ function roundLength(least) {
 export class World {
   constructor(root, app) {
     this.app = app;
+    this.root = root;
     this.canvas = h("canvas", { cls: "ground", tabindex: 0, role: "img", "aria-label": "World from above" });
     this.frame = h("div", { cls: "frame" }, this.canvas);
     this.trails = true;
-    const trails = h(
-      "button",
-      {
-        title: "Show the paths of the robots",
-        "aria-pressed": "true",
-        cls: "text",
-        onclick: () => {
-          this.trails = !this.trails;
-          trails.setAttribute("aria-pressed", String(this.trails));
-          app.redraw();
-        },
-      },
-      "Trails",
-    );
-    root.append(
-      h(
-        "div",
-        { cls: "bar" },
-        h("h2", null, "World"),
-        h(
-          "div",
-          { cls: "tools" },
-          trails,
-          h("button", { title: "Fit the ground", onclick: () => this.view.fit() }, icon("fit")),
-        ),
-      ),
-      this.frame,
-    );
-    this.root = root;
+    const fit = h("button", { title: "Fit the ground", onclick: () => this.view.fit() }, icon("fit"));
+    const tools = h("div", { cls: "tools" }, this.trailsButton(), fit);
+    root.append(h("div", { cls: "bar" }, h("h2", null, "World"), tools), this.frame);
     this.place = { x: 0, y: 0, scale: 1 };
     this.view = new Viewport(this.frame, (x, y, scale) => {
       this.place = { x, y, scale };
@@ -224,36 +203,27 @@ export class World {
     this.frame.addEventListener("click", (event) => this.view.moved || this.clicked(event));
   }
 
+  trailsButton() {
+    const toggle = () => {
+      this.trails = !this.trails;
+      button.setAttribute("aria-pressed", String(this.trails));
+      this.app.redraw();
+    };
+    const attributes = { title: "Show the paths of the robots", "aria-pressed": "true", cls: "text", onclick: toggle };
+    const button = h("button", attributes, "Trails");
+    return button;
+  }
+
   /** The ground may be known from the beginning, or come later. */
   update(state, time) {
     this.shown = time;
     const ground = state?.world.get("ground");
     this.root.classList.toggle("absent", !ground && !(state && state.poses.size));
     if (!ground) return;
-    const [x0, y0, x1, y1] = ground.bounds;
-    const unit = 1000 / Math.max(x1 - x0, y1 - y0);
-    if (this.bounds !== ground.bounds.join()) {
-      this.bounds = ground.bounds.join();
-      this.unit = unit;
-      this.view.content((x1 - x0) * unit, (y1 - y0) * unit);
-      this.view.fit();
-    }
-    this.ground = ground;
+    this.measure(ground);
     const { width, height } = this.size;
     if (width < 2 || height < 2) return;
-    const context = sharp(this.canvas, width, height);
-    const look = COLOURS[isDark() ? "dark" : "light"];
-    context.clearRect(0, 0, width, height);
-    const pen = {
-      context,
-      look,
-      labels: [],
-      scale: this.place.scale * unit,
-      at: ([x, y]) => [
-        this.place.x + (x - x0) * this.place.scale * unit,
-        this.place.y + (y1 - y) * this.place.scale * unit,
-      ],
-    };
+    const pen = this.penFor(ground);
     this.drawGround(pen, ground);
     for (const weed of ground.weeds) this.drawWeed(pen, weed, time, ground);
     if (this.trails) this.drawTrails(pen, state, time);
@@ -265,8 +235,30 @@ export class World {
       this.drawRobot(pen, one);
     if (robots.length <= MOST_NAMES) for (const one of robots) this.drawName(pen, one, robots, width, state);
     this.robots = robots.map(({ r, pose }) => [r, pen.at([pose.x, pose.y])]);
-    this.drawScale(pen, ground, width, height);
+    this.drawScale(pen, width, height);
     this.writeLabels(pen);
+  }
+
+  /** Fit the view to a ground of another size. */
+  measure(ground) {
+    const [x0, y0, x1, y1] = ground.bounds;
+    this.ground = ground;
+    this.unit = 1000 / Math.max(x1 - x0, y1 - y0);
+    if (this.bounds === ground.bounds.join()) return;
+    this.bounds = ground.bounds.join();
+    this.view.content((x1 - x0) * this.unit, (y1 - y0) * this.unit);
+    this.view.fit();
+  }
+
+  /** What all draw with: the context of an empty canvas, colours, px of a metre, and where a point [x, y] (m) is. */
+  penFor({ bounds: [x0, , , y1] }) {
+    const { width, height } = this.size;
+    const context = sharp(this.canvas, width, height);
+    const look = COLOURS[isDark() ? "dark" : "light"];
+    const scale = this.place.scale * this.unit;
+    context.clearRect(0, 0, width, height);
+    const at = ([x, y]) => [this.place.x + (x - x0) * scale, this.place.y + (y1 - y) * scale];
+    return { context, look, labels: [], scale, at };
   }
 
   polygon({ context, at }, corners, look) {
@@ -288,27 +280,10 @@ export class World {
   }
 
   drawGround(pen, ground) {
-    const { context, look, at } = pen;
-    const [x0, y0, x1, y1] = ground.bounds;
-    const [left, top] = at([x0, y1]);
-    const [right, bottom] = at([x1, y0]);
-    context.fillStyle = look.ground;
-    context.fillRect(left, top, right - left, bottom - top);
-    const apart = roundLength(Math.max(x1 - x0, y1 - y0) / 20);
-    context.fillStyle = look.lines;
-    for (let x = Math.ceil(x0 / apart) * apart; x <= x1; x += apart)
-      context.fillRect(Math.round(at([x, 0])[0]), top, 1, bottom - top);
-    for (let y = Math.ceil(y0 / apart) * apart; y <= y1; y += apart)
-      context.fillRect(left, Math.round(at([0, y])[1]), right - left, 1);
-    context.strokeStyle = ground.walls ? look.ink : look.lines;
-    context.lineWidth = 2;
-    context.strokeRect(left, top, right - left, bottom - top);
-    for (const [things, fill, edge] of [
-      [ground.obstacles, look.obstacle, look.edge],
-      [ground.targets, look.target, look.targetEdge],
-    ]) {
-      for (const thing of things) this.shape(pen, thing, { fill, stroke: edge });
-    }
+    const { look, at } = pen;
+    this.drawGrid(pen, ground);
+    for (const thing of ground.obstacles) this.shape(pen, thing, { fill: look.obstacle, stroke: look.edge });
+    for (const thing of ground.targets) this.shape(pen, thing, { fill: look.target, stroke: look.targetEdge });
     for (const charger of ground.chargers) {
       this.shape(pen, charger, { stroke: look.charger, width: 2 });
       const [x, y] = at(charger.at);
@@ -319,6 +294,22 @@ export class World {
       const [x, y] = at(target.at ?? target.corners[0]);
       this.label(pen, target.name, x, y - (target.radius ?? 0.3) * pen.scale - 6, look.targetEdge, 12);
     }
+  }
+
+  drawGrid({ context, look, at }, { bounds: [x0, y0, x1, y1], walls }) {
+    const [left, top] = at([x0, y1]);
+    const [right, bottom] = at([x1, y0]);
+    context.fillStyle = look.ground;
+    context.fillRect(left, top, right - left, bottom - top);
+    const apart = roundLength(Math.max(x1 - x0, y1 - y0) / 20);
+    context.fillStyle = look.lines;
+    for (let x = Math.ceil(x0 / apart) * apart; x <= x1; x += apart)
+      context.fillRect(Math.round(at([x, 0])[0]), top, 1, bottom - top);
+    for (let y = Math.ceil(y0 / apart) * apart; y <= y1; y += apart)
+      context.fillRect(left, Math.round(at([0, y])[1]), right - left, 1);
+    context.strokeStyle = walls ? look.ink : look.lines;
+    context.lineWidth = 2;
+    context.strokeRect(left, top, right - left, bottom - top);
   }
 
   /** Stations, doors whose leaves retract as they open, and the parcels that no robot carries. */
@@ -502,66 +493,50 @@ export class World {
     const { context, look, scale } = pen;
     const outline = pose.outline ?? box(0, 0, 0.5, 0.4);
     const growth = this.growth(outline, scale);
-    const placed = (corners, grow = growth) =>
-      moved(
-        turned(
-          corners.map(([x, y]) => [x * grow, y * grow]),
-          pose.heading,
-        ),
-        [pose.x, pose.y],
-      );
     const colour = robotColour(r);
     const ahead = Math.max(...outline.map(([x]) => x)) * growth;
     const led = LEDS[pose.led];
-    const chosen = this.app.selected.robot === r;
-    if (chosen) {
+    const here = [pose.x, pose.y];
+    const placed = (corners) => {
+      const grown = corners.map(([x, y]) => [x * growth, y * growth]);
+      return moved(turned(grown, pose.heading), here);
+    };
+    if (this.app.selected.robot === r) {
       context.setLineDash([5, 4]);
-      this.circle(pen, [pose.x, pose.y], ahead * scale * 1.7 + 3, { stroke: colour, width: 2 });
+      this.circle(pen, here, ahead * scale * 1.7 + 3, { stroke: colour, width: 2 });
       context.setLineDash([]);
     }
-    const lamp = placed([[(-ahead * 0.4) / growth, 0]])[0];
-    for (const [reach, part] of led
-      ? [
-          [2.2, "3c"],
-          [1.4, "6e"],
-        ]
-      : [])
-      this.circle(pen, lamp, ahead * scale * reach, { fill: led + part }); // it glows
+    const [lamp] = placed([[(-ahead * 0.4) / growth, 0]]);
+    if (led) for (const [reach, part] of GLOW) this.circle(pen, lamp, ahead * scale * reach, { fill: led + part });
     if (pose.blade)
-      this.circle(pen, [pose.x, pose.y], pose.blade * growth * 1.25 * scale, {
-        fill: `${look.ink}40`,
-        stroke: look.ink,
-      });
-    const pieces = (pose.workpieces ?? []).map((piece) => [piece.corners, piece.kind, piece.closed]);
-    for (const [corners, kind, closed = true] of [
-      ...pieces,
-      ...(SYMBOLS[pose.type] ?? vehicle)(outline),
-      ...limb(outline, pose),
-    ]) {
-      const fill = {
-        robot: colour,
-        paper: look.paper,
-        ink: look.ink,
-        fixture: look.fixture,
-        part: look.target,
-        cut: look.targetEdge,
-      }[kind];
-      const stroke = {
-        robot: look.ink,
-        ink: look.ink,
-        fixture: look.edge,
-        part: look.targetEdge,
-        cut: look.targetEdge,
-      }[kind];
-      if (closed) this.polygon(pen, placed(corners), { fill, stroke, width: 1.2 });
-      else {
-        trace(context, placed(corners).map(pen.at));
-        paint(context, { stroke: fill, width: 2.5 });
-      }
-    }
+      this.circle(pen, here, pose.blade * growth * 1.25 * scale, { fill: `${look.ink}40`, stroke: look.ink });
+    this.drawPieces(pen, pose, outline, placed, colour);
     if (pose.cargo) this.drawParcel(pen, placed(box(0, 0, PARCEL, PARCEL)));
     if (led) this.circle(pen, lamp, Math.max(ahead * scale * 0.35, 2.5), { fill: led, stroke: look.paper });
     if ((pose.charge ?? 1) < LOW) this.battery(pen, pose);
+  }
+
+  /** What a robot works on, its symbol, and its limb: polygons, and lines. */
+  drawPieces(pen, pose, outline, placed, colour) {
+    const { context, look } = pen;
+    const fills = {
+      robot: colour,
+      paper: look.paper,
+      ink: look.ink,
+      fixture: look.fixture,
+      part: look.target,
+      cut: look.targetEdge,
+    };
+    const strokes = { robot: look.ink, ink: look.ink, fixture: look.edge, part: look.targetEdge, cut: look.targetEdge };
+    const work = (pose.workpieces ?? []).map((piece) => [piece.corners, piece.kind, piece.closed]);
+    const symbol = (SYMBOLS[pose.type] ?? vehicle)(outline);
+    for (const [corners, kind, closed = true] of [...work, ...symbol, ...limb(outline, pose)]) {
+      if (closed) this.polygon(pen, placed(corners), { fill: fills[kind], stroke: strokes[kind], width: 1.2 });
+      else {
+        trace(context, placed(corners).map(pen.at));
+        paint(context, { stroke: fills[kind], width: 2.5 });
+      }
+    }
   }
 
   battery({ context, look, at }, pose) {
@@ -604,19 +579,11 @@ export class World {
     };
     this.label(pen, name, inside(name, 12.5), base, robotColour(r), 12.5, NAME);
     const note = [task, pose.note, (pose.charge ?? 1) <= 0 ? "battery empty" : ""].filter(Boolean).join(" · ");
-    if (note)
-      this.label(
-        pen,
-        note.length > 44 ? `${note.slice(0, 43)}…` : note,
-        inside(note.slice(0, 44), 11),
-        base + 13,
-        pen.look.faint,
-        11,
-        TASK,
-      );
+    const shown = note.length > 44 ? `${note.slice(0, 43)}…` : note;
+    if (note) this.label(pen, shown, inside(shown, 11), base + 13, pen.look.faint, 11, TASK);
   }
 
-  drawScale(pen, ground, width, height) {
+  drawScale(pen, width, height) {
     const { context, look, scale } = pen;
     const length = roundLength(40 / scale);
     const x = width - 14;
