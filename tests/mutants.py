@@ -7,8 +7,8 @@ Each is tried in a copy of the tree: the tests named are run until one fails.
     python -m tests.mutants draw --seed 53 --missions 27 engine:5 robot:5    print a list, a mutant a line
     python -m tests.mutants run LIST -- tests -m 'not long'                 killed or survived, by which test
 
-A list is text, `FILE:LINE:COLUMN KIND | before | after`, and can be repeated after the code has moved: a mutant is
-looked for by its text, nearest to its line.
+A list is text, `FILE:LINE:COLUMN KIND | before | after`, and can be repeated after the code has moved: of the mutants
+that could be drawn with the same texts, the nearest to its line is meant.
 ``tests/mutants.txt`` was drawn before tests were moved to `make test-long`.
 """
 
@@ -52,7 +52,7 @@ IN_MODELS = (
 
 
 class Mutant(NamedTuple):
-    """A change of one place: file, line and column (from 1), what kind, the text before and after."""
+    """A change of one place: file, line and column (from 1, in bytes), what kind, the text before and after."""
 
     file: str
     line: int
@@ -120,7 +120,7 @@ def of_model(file: str, text: str) -> Iterator[Mutant]:
     for kind, pattern, after in IN_MODELS:
         for hit in pattern.finditer(text, 0, end):
             line = text.count("\n", 0, hit.start()) + 1
-            column = hit.start() - text.rfind("\n", 0, hit.start())
+            column = len(text[text.rfind("\n", 0, hit.start()) + 1 : hit.start()].encode()) + 1
             if after is None:
                 after_hit = f"${{not ({hit[0][2:-1]})}}" if kind == "condition negated" else str(float(hit[0]) * 3 + 1)
             else:
@@ -157,12 +157,14 @@ def drawn(generator: random.Random, count: int, files: list, most: int) -> Itera
 
 def applied(mutant: Mutant, text: str) -> str:
     """Give the text with the mutant in it. Raises ValueError where its place is gone."""
-    places = [hit.start() for hit in re.finditer(re.escape(mutant.before), text)]
+    changes = of_python if mutant.file.endswith(".py") else of_model
+    places = [other for other in changes(mutant.file, text) if other[3:] == mutant[3:]]
     if not places:
         raise ValueError("the place is gone")
-    start = sum(len(line) for line in text.splitlines(keepends=True)[: mutant.line - 1]) + mutant.column - 1
-    place = min(places, key=lambda other: abs(other - start))
-    return text[:place] + mutant.after + text[place + len(mutant.before) :]
+    place = min(places, key=lambda one: (abs(one.line - mutant.line), abs(one.column - mutant.column)))
+    source, before = text.encode(), mutant.before.encode()
+    start = sum(map(len, source.splitlines(keepends=True)[: place.line - 1])) + place.column - 1
+    return (source[:start] + mutant.after.encode() + source[start + len(before) :]).decode()
 
 
 def nearest(mutant: Mutant, tree: Path) -> list[str]:
