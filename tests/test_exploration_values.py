@@ -6,6 +6,7 @@ from collaborations import Steps, team, text_of
 
 import fame
 from fame.bpmn.model import Definitions, Expression
+from fame.check.explore.aliases import Aliases
 from fame.check.explore.asking import asking
 from fame.scenario.exploration import explore
 from fame.testing import MissionLoader
@@ -198,6 +199,20 @@ def test_what_a_script_changes_in_one_variable_may_have_changed_in_another(condi
 )
 def test_what_no_variable_shares_stays_known(condition: str, scripts: list[str]) -> None:
     assert outcomes(condition, *(f"run {script}" for script in scripts)) == (True, False)
+
+
+@pytest.mark.parametrize("filled", [False, True])
+def test_what_iterates_over_a_mapping_has_keys_unless_a_task_may_fill_it_with_something_else(filled: bool) -> None:
+    data = '<extensionElements><camunda:properties><camunda:property name="bids"/></camunda:properties>'
+    output = "<dataOutputAssociation><targetRef>D</targetRef></dataOutputAssociation>" if filled else ""
+    text = process(
+        '<scriptTask id="T"><script>bids = {}</script></scriptTask>'
+        f'<userTask id="U">{output}</userTask><dataObject id="O"/>'
+        f'<dataObjectReference id="D" dataObjectRef="O">{data}</extensionElements></dataObjectReference>'
+        '<scriptTask id="S"><script>for bid in bids: best = bid</script></scriptTask>'
+    )
+    bodies = [body for one in fame.read(text.encode()).processes for body in one.body.bodies()]
+    assert Aliases(bodies).of(("best", False)) == ({"bid", "bids"} if filled else {"bid"})
 
 
 ASKED_FOR = {
