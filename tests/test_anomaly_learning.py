@@ -550,7 +550,8 @@ def test_runs_that_drift_are_told_and_stand_on_the_card(
     write_csv(folder / "benign.csv", of_runs(runs, 1, ("a", "b", "c")))
     single = re.sub(r"  supervised_train.*\n|  testing:\n.*\n", "", FILES) + CLASSIFIERS.replace("  - {name: two", "#")
     (folder / "learning.yaml").write_text(single + "FalseAlarms: 0.2 per run\n")
-    assert main(["monitor", "adm", "learn", str(folder / "learning.yaml"), "-o", str(folder / "m.skops")]) == 0
+    words = ["monitor", "adm", "learn", str(folder / "learning.yaml"), "-o", str(folder / "m.skops"), "--jobs", "1"]
+    assert main(words) == 0
     said, limits = capsys.readouterr().err, card_of(Model.load(folder / "m.skops"))["Limits"]
     found = [text for text in limits if "drift" in text or "runs before" in text]
     assert all(f"warning: {text}" in said for text in found)

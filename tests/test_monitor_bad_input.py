@@ -76,7 +76,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     runs = [run(seed) for seed in range(6)]
     fit(runs, QUICK).save(folder / "train.skops")
     write_runs(folder / "runs.csv", runs, lambda number, row: 1)
-    assert main(["monitor", "adm", "learn", str(learning(folder)), "-o", str(folder / "adm.skops")]) == 0
+    assert main(["monitor", "adm", "learn", str(learning(folder)), "-o", str(folder / "adm.skops"), "--jobs", "1"]) == 0
     return {"train": folder / "train.skops", "adm": folder / "adm.skops"}
 
 
@@ -132,7 +132,7 @@ def test_an_anomalous_run_wins_over_one_that_is_not_judged(
 def test_learning_refuses_one_run_standing_still_and_labels_that_contradict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    command = ("monitor", "adm", "learn", learning(tmp_path), "-o", tmp_path / "m.skops")
+    command = ("monitor", "adm", "learn", learning(tmp_path), "-o", tmp_path / "m.skops", "--jobs", 1)
     write_runs(tmp_path / "runs.csv", [run(0)], lambda number, row: 1)
     assert "has 1 run of one class; at least 3 are needed for Split.folds 3" in refusal(capsys, *command)
     still = [item.replace(np.full_like(item.values, 0.3)) for item in map(run, range(4))]
@@ -157,8 +157,9 @@ def test_a_model_of_one_kind_is_refused_where_the_other_is_expected(
 
 def test_the_card_of_a_model_that_was_learned_again_names_what_it_replaced(tmp_path: Path):
     write_runs(tmp_path / "runs.csv", [run(seed) for seed in range(6)], lambda number, row: 1)
+    words = ["monitor", "adm", "learn", str(learning(tmp_path)), "-o", str(tmp_path / "m.skops"), "--jobs", "1"]
     for _ in range(2):
-        assert main(["monitor", "adm", "learn", str(learning(tmp_path)), "-o", str(tmp_path / "m.skops")]) == 0
+        assert main(words) == 0
     card = json.loads((tmp_path / "m.card.json").read_text())
     made = card["Model"]["made on"]
     assert card["Model"]["predecessor"].startswith(f"of {made[:11]}")
