@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import shutil
 import signal
 import sys
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 ROOT = Path(__file__).parent.parent
+LEARNS = re.compile(rb"fame\.monitor|skops|sklearn|monitor_runs|own_data|fuzz")
+"""What is named in files of tests that load scikit-learn."""
 
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # hundreds of processes would compile FAME, each for itself
     sys.dont_write_bytecode = False
@@ -59,7 +62,12 @@ def pytest_sessionfinish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
-    """Mark what needs a browser or packages of npm (`make test-browser`, `make test-node`), or is long."""
+    """Mark what needs a browser or packages of npm (`make test-browser`, `make test-node`), or is long.
+
+    What learns comes first, so that of two workers one alone loads scikit-learn: that takes seconds, and much memory.
+    """
+    learns = {path: LEARNS.search(path.read_bytes()) is not None for path in {item.path for item in items}}
+    items.sort(key=lambda item: not learns[item.path])
     for item in items:
         for fixture, marker in (("chromium", "browser"), ("node_modules", "node")):
             if fixture in getattr(item, "fixturenames", ()):
