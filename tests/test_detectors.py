@@ -50,6 +50,11 @@ def test_a_detector_names_the_channel_that_deviates_and_comes_back_as_it_was(nam
     np.testing.assert_allclose(detector.loss(odd[:1]), found[:1], rtol=1e-9)  # one by one as all at once
 
 
+@pytest.mark.parametrize(("rule", "score"), [("any of", 1.5), ("all of", 0.5)])
+def test_the_score_of_a_run_by_several_is_in_units_of_their_thresholds(rule: str, score: float):
+    assert Several(rule, (), np.array([[2.0], [4.0]])).score([1.0, 6.0]) == score
+
+
 @pytest.mark.parametrize("rule", ["any of", "all of"])
 def test_each_of_several_counts_relative_to_windows_that_it_has_not_learned(rule: str):
     several = fit_detector(f"{rule} knn, mahalanobis", windows()[:300], QUICK)

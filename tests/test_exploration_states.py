@@ -42,6 +42,12 @@ def test_states_of_generated_collaborations_come_back() -> None:
     assert count > 500
 
 
+def test_a_token_that_waits_for_another_one_at_a_join_is_told_with_the_element() -> None:
+    (robot,) = explored(team({"A": [("and", ["work"], ["catch go"])]}))
+    join = next(node.id for node in robot.process.body.walk() if node.id.startswith("A_join"))
+    assert [join in dict(view.waiting) for view in robot.views] == [False, True, True, False]
+
+
 def test_a_message_that_nothing_listens_to_has_the_outcome_that_the_engine_gives() -> None:
     """It needs no engine; the engine would drop it."""
     unheard = 0
