@@ -189,6 +189,7 @@ def test_a_tractor_that_cannot_move_any_more_leaves_its_weed_uncut_and_the_other
     assert run.result.world["robots"]["Drone"]["landed"]
 
 
+@pytest.mark.long
 def test_a_weed_that_nobody_reports_cut_is_given_to_another_tractor() -> None:
     run = observed(Scenario.load(RESILIENT), recorded=False)
     assert run.result.status == "completed"

@@ -38,6 +38,7 @@ def bag_of(path: Path, values: np.ndarray, signals: Sequence[int] = ()) -> Path:
     return write_bag(path, MH5.joints, 1 + 0.025 * np.arange(len(values)), values, signals=signals)
 
 
+@pytest.mark.long
 @needs_data
 def test_from_bag_to_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     bag = bag_of(tmp_path / "benign", runs(*range(20, 27)))

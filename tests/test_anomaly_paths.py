@@ -66,7 +66,7 @@ def test_learning_from_too_few_early_runs_is_not_enough_for_an_arm_that_drifts()
     assert any(reading.anomalous for reading in detector.follow(recording(BENIGN).select([29])))
 
 
-@pytest.mark.long_but("29-*")
+@pytest.mark.long_but("29-[a-d]", "29-rotated")
 @pytest.mark.parametrize("kind", [*KINDS, "rotated"])
 @pytest.mark.parametrize("number", [1, 19, 29])
 def test_a_quarter_of_a_millimetre_is_seen_within_five_samples(kind: str, number: int):
@@ -78,6 +78,7 @@ def test_a_quarter_of_a_millimetre_is_seen_within_five_samples(kind: str, number
     assert max(reading.deviation for reading in readings) < 1e-3
 
 
+@pytest.mark.long_but("a", "g")
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "f"])
 def test_a_tenth_of_a_millimetre_is_seen(kind: str):
     altered = alter(recording(BENIGN).select([21]).values, knots(kind, 0.1)).values
@@ -134,6 +135,7 @@ def test_what_was_stored_judges_as_before():
 # ---- orientation, and benign changes ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long_but("21")
 @pytest.mark.parametrize("number", [1, 13, 21, 29])
 def test_a_tool_tilted_by_one_degree_is_seen_though_its_path_is_the_same(number: int):
     values = recording(BENIGN).select([number]).values
@@ -155,6 +157,7 @@ def changes(values: np.ndarray) -> tuple[int, dict[str, float]]:
     return anomalous, {change.kind: change.size for change in tracker.changes()}
 
 
+@pytest.mark.long_but("*-5")
 @pytest.mark.parametrize("number", [5, 13, 21])
 @pytest.mark.parametrize("factor", [0.98, 1.02])
 def test_another_speed_is_tolerated_and_told(number: int, factor: float):
@@ -180,6 +183,7 @@ def test_a_start_from_another_pose_is_tolerated_and_told(number: int):
     assert found["start pose"] > 1e-3
 
 
+@pytest.mark.long_but("1-*")
 @pytest.mark.parametrize("number", [5, 13, 21])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_lost_samples_without_stamps_are_at_most_sampling(number: int, seed: int):
@@ -213,6 +217,7 @@ def test_half_the_rate_is_told_as_sampling():
     assert kinds.count("sampling") > 0.9 * len(kinds)
 
 
+@pytest.mark.long
 def test_half_the_rate_is_tolerated_where_stamps_tell_the_time():
     tracker = stamped().tracker()
     values = recording(BENIGN).select([21]).values[::2]
@@ -262,6 +267,7 @@ def test_parameters_out_of_range_are_refused():
         PathParameters(bin=0)
 
 
+@pytest.mark.long_but("5-*")
 @pytest.mark.parametrize("stamped", [False, True])
 @pytest.mark.parametrize("number", [5, 15, 27])
 def test_samples_lost_at_a_round_corner_are_no_deviation(number: int, stamped: bool):

@@ -117,7 +117,7 @@ def test_a_calibration_comes_back_from_plain_data():
     assert (again.thresholds, again.promised, again.text) == (found.thresholds, found.promised, found.text)
 
 
-@pytest.mark.long_but("?-*")
+@pytest.mark.long_but("[2-5]-*")
 @pytest.mark.parametrize("margin", [None, 0.5, 3.0])
 @pytest.mark.parametrize("runs", [2, 3, 4, 5, 6, 9, 16, 19, 20, 60])
 def test_a_lower_rate_never_gives_a_lower_threshold(runs: int, margin: float | None):

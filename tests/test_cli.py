@@ -352,6 +352,7 @@ def test_a_closed_stream_is_no_fault_of_the_command(closed: str) -> None:
     assert "bug" not in done.stdout + done.stderr
 
 
+@pytest.mark.long_but("sim2d")
 @pytest.mark.parametrize("package", ["robots", "sim2d"])
 def test_a_folder_that_hides_a_package_of_fame_is_named(package: str, tmp_path: Path) -> None:
     shutil.copy(ROOT / "models" / "ground_vehicles.bpmn", tmp_path)

@@ -59,6 +59,7 @@ def wrong(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.long_but("[a-c]*")
 @pytest.mark.parametrize("model", sorted((ROOT / "models").rglob("*.bpmn")), ids=lambda path: path.stem)
 def test_the_models_that_come_with_fame_have_neither_errors_nor_warnings(model: Path, capsys) -> None:
     assert main(["check", str(model), "--json"]) == 0
@@ -141,7 +142,7 @@ def test_a_recording_is_drawn_as_a_film_or_its_last_frame(tmp_path: Path, capsys
     run, film, picture = (tmp_path / name for name in ("run.mcap", "run.gif", "run.png"))
     example = str(ROOT / "examples" / "ground_vehicles.yaml")
     drawn = tmp_path / "drawn.gif"
-    assert main(["run", example, "--duration", "3", "--log", str(run), "--animate", str(drawn), "--quiet"]) == 1
+    assert main(["run", example, "--duration", "1", "--log", str(run), "--animate", str(drawn), "--quiet"]) == 1
     capsys.readouterr()
     for path in (film, picture):
         assert main(["draw", "--log", str(run), "-o", str(path)]) == 0

@@ -45,6 +45,7 @@ def mission(pattern: str) -> Path:
     return scenario if scenario.is_file() else scenario.with_suffix(".bpmn")
 
 
+@pytest.mark.long_but("[!b]*")
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_it_has_no_problems_and_runs_as_it_is(pattern: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "--no-project", "--json", str(mission(pattern))]) == 0

@@ -112,6 +112,7 @@ def test_by_default_no_false_alarm_and_no_promise_with_sixteen_runs():
     assert [seed for seed in TEST if alarm(made, seed)] == []
 
 
+@pytest.mark.long_but("spike")
 @pytest.mark.parametrize("fault", own_data.FAULTS)
 def test_every_rare_fault_is_found(fault: own_data.Fault):
     assert [seed for seed in FAULTY if not alarm(model("0.01 per run"), seed, fault)] == []

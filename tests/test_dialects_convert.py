@@ -71,7 +71,7 @@ def test_a_converted_mission_runs_to_the_same_log(tmp_path: Path) -> None:
     logs: list[list[Event]] = []
     for folder in (MODELS / "javascript", tmp_path):
         logs.append([])
-        Scenario.load(folder / "agriculture.yaml", duration=30).run(observer=logs[-1].append)
+        Scenario.load(folder / "agriculture.yaml", duration=12).run(observer=logs[-1].append)
     assert len(logs[0]) > 100
     assert [(event.time, event.robot, event.element, event.what) for event in logs[1]] == [
         (event.time, event.robot, event.element, event.what) for event in logs[0]

@@ -16,7 +16,7 @@ EXAMPLE = Path(__file__).parent.parent / "examples" / "ground_vehicles.yaml"
 
 
 @pytest.mark.parametrize(
-    ("seconds", "status"), [(10, "timeout"), pytest.param(300, "completed", marks=pytest.mark.long)], ids=str
+    ("seconds", "status"), [(5, "timeout"), pytest.param(300, "completed", marks=pytest.mark.long)], ids=str
 )
 def test_the_ground_vehicles_hit_their_target_although_their_engines_die(
     tmp_path: Path, seconds: float, status: str

@@ -278,6 +278,7 @@ EITHER: Steps = ["run n = n + 1", ("or", ["run m = n"], ["run m = 2"]), ("or", [
 SLOW = "run n = n + len([i for i in range(4000) if n])"
 
 
+@pytest.mark.long_but("*bound1")
 @pytest.mark.parametrize(("body", "bound"), [(EITHER, {}), ([SLOW], {"seconds": 0.2})])
 def test_a_loop_in_no_time_ends_by_the_bounds_of_the_search(body: Steps, bound: dict[str, Any]) -> None:
     result = found({"A": ["run n = 1", ("while", [*body, ("if", "n == 1", ["work"], [])])]}, delivery="run", **bound)
@@ -361,6 +362,7 @@ def test_ground_vehicles_have_no_deadlock_but_uncaught_errors() -> None:
     assert {one.kind for one in result.findings} <= {"error", "unneeded"}
 
 
+@pytest.mark.long
 def test_cars_are_told_apart_by_what_they_say() -> None:
     result = explore("examples/convoy.yaml", delivery="run")
     assert result.exhaustive
@@ -567,6 +569,7 @@ def test_the_warehouse_completes_from_every_state(carriers: int, limit: int) -> 
     assert all("may fail" in one.text and one.level == "warning" for one in result.findings if one.kind == "error")
 
 
+@pytest.mark.long
 def test_an_award_that_is_lost_leaves_nobody_waiting() -> None:
     result = explore("models/warehouse.bpmn", robots={"Carrier": 1}, delivery="run", faults=True)
     outcomes = {name: outcome for search in result.searches for name, _, outcome in search.faults}

@@ -33,13 +33,13 @@ def test_the_first_line_says_that_all_states_were_explored(capsys: pytest.Captur
 def test_a_search_that_is_cut_says_so_first_and_last_and_does_not_pass(
     broken: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    fine, cut = "models/ground_vehicles.bpmn", ["check", "--explore", "--limit", "20", "models/reassembly.bpmn"]
+    fine, cut = "models/ground_vehicles.bpmn", ["check", "--explore", "--limit", "20", "models/convoy.bpmn"]
     assert main(cut) == 3
     shown = capsys.readouterr().out.splitlines()
     assert "NOT all states explored (the limit of 20 states is reached" in shown[0]
     assert re.match(r"no error found in a partial search \([\d,]+ of unknown\)", shown[-1])
     assert main([*cut, "--allow-partial"]) == 0
-    assert main([*cut[:2], "--delivery", "run", fine, "models/reassembly.bpmn"]) == 0
+    assert main([*cut[:2], "--delivery", "run", fine, "models/convoy.bpmn"]) == 0
     assert main([*cut, fine]) == 3
     assert main([*cut, str(broken)]) == 1  # 1 before 3 before 0
     capsys.readouterr()

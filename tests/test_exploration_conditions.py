@@ -208,6 +208,7 @@ def in_scope(kind: str, inside: Steps) -> bool:
             return edited([*begun, ("each", 2, ["run x = y", *inside])], heard=2)
 
 
+@pytest.mark.long_but("call", "item")
 @pytest.mark.parametrize("kind", ["call", "mapping", "item", "instance"])
 def test_a_variable_that_a_scope_has_of_its_own_has_one_outcome_until_it_is_set(kind: str) -> None:
     for between in ([], ["work"], ["run y = robot.now"], ["run z = robot.now"]):
@@ -273,7 +274,7 @@ def stuck_in_javascript(condition: str, *between: object) -> bool:
     return edited([*begun, asked, *between, again], *JAVASCRIPT)
 
 
-@pytest.mark.long_but("next*", "$x > 3*")
+@pytest.mark.long_but("next*")
 @pytest.mark.parametrize(
     "condition",
     ["$x > 3", "next(null, $x > 3);", "$x === 3 && !($y < 2)", "$x.length > 3 || $y.data", "!$x", "$x[0] !== $y",

@@ -22,12 +22,12 @@ def of_this_machine(target: Target) -> Target:
 
 
 @pytest.mark.long_but("*-0")
-@pytest.mark.parametrize("part", range(5))
+@pytest.mark.parametrize("part", range(10))
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
 def test_damaged_input_is_read_or_refused_in_one_line(target: Target, part: int) -> None:
     of_this_machine(target)
     assert target.valid
-    numbers = range(part, FEW if target.slow else INPUTS, 5)
+    numbers = range(part, FEW if target.slow else INPUTS, 10)
     failures = {number: failure(target, target.input(number)) for number in numbers}
     assert {number: why for number, why in failures.items() if why} == {}
 

@@ -108,6 +108,7 @@ def a_page_of_a_recording(folder: Path) -> None:
         page.wait()
 
 
+@pytest.mark.long_but("an_*")
 @pytest.mark.parametrize(
     ("what", "change"),
     [

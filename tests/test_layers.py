@@ -250,6 +250,7 @@ def test_the_command_of_an_engine_loads_no_interpreter_before_there_is_a_process
     assert loaded & {*late, "decimal", "subprocess"} == set()
 
 
+@pytest.mark.long_but("not*", "until*")
 @pytest.mark.parametrize(
     ("engines", "steps", "number"),
     [(20, 9, 0), (2, 9, 5), (2, 2, 2)],
@@ -301,6 +302,7 @@ NO_HELP = {"ast", "dataclasses", "inspect", "random", "shutil", "socket", "tempf
 """What the list of all commands needs none of besides: each takes a twentieth of its time."""
 
 
+@pytest.mark.long_but("run")
 @pytest.mark.parametrize("command", LOADED)
 def test_a_command_loads_what_its_process_needs(command: str, tmp_path: Path) -> None:
     (tmp_path / "m.bpmn").write_text(process('<startEvent id="s"/>'))

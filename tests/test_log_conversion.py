@@ -87,6 +87,7 @@ def verdicts(log: Path) -> dict[str, tuple[str, float | None]]:
     return {one["property"]: (one["verdict"], one["slack"]) for one in judged}
 
 
+@pytest.mark.long
 def test_every_log_has_the_verdicts_about_properties(tmp_path: Path) -> None:
     properties = [
         "apart: always distance(any two Tractor) > 0.5",
@@ -377,6 +378,7 @@ def test_an_event_log_is_judged_with_what_called_processes_throw(
     }  # fmt: skip
 
 
+@pytest.mark.long_but("words0")
 @pytest.mark.parametrize(
     "words",
     [

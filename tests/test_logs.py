@@ -357,6 +357,7 @@ def test_every_activity_of_the_mission_has_an_end_for_each_start(mission) -> Non
         assert [second for *_, second in found] == sorted(second for *_, second in found)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of pm4py and pandas
 def test_process_mining_reads_the_mission(mission) -> None:
     log = pytest.importorskip("pm4py").read_xes(str(mission[0] / "run.xes"))

@@ -33,6 +33,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str]
     return run
 
 
+@pytest.mark.long
 def test_what_was_drawn_fits_and_what_was_not_does_not(
     mine: Callable[[str, str], None], capsys: pytest.CaptureFixture[str]
 ) -> None:

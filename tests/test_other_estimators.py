@@ -50,7 +50,7 @@ def test_a_class_of_scikit_learn_trains_with_a_promise_and_a_card(tmp_path: Path
     assert (code, [each["verdict"] for each in found["runs"]]) == (1, ["benign", "anomalous"])
 
 
-@pytest.mark.long_but("*mixture*", "*neighbors*")
+@pytest.mark.long_but("*mixture*", "*Kernel*")
 @pytest.mark.parametrize(
     ("name", "parameters"),
     [

@@ -262,6 +262,7 @@ def broken(source: bytes, random: Random) -> bytes:
     return etree.tostring(root, encoding=random.choice(["UTF-8", "UTF-16", "ASCII"]))
 
 
+@pytest.mark.long_but("0-*")
 @pytest.mark.parametrize("kind", [noise, broken])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_damaged_one_is_read_or_refused_in_one_line(kind: Callable[[bytes, Random], bytes], seed: int) -> None:

@@ -356,6 +356,7 @@ def test_names_are_drawn_as_they_are_written(tmp_path):
     assert (tmp_path / "x.gif").stat().st_size > 0
 
 
+@pytest.mark.long_but("*png")
 @pytest.mark.parametrize(("draw", "ending"), [(picture, "png"), (animate, "gif")])
 def test_what_cannot_be_written_is_named(record, tmp_path, draw, ending):
     full, folder = tmp_path / f"full.{ending}", tmp_path / f"folder.{ending}"

@@ -62,7 +62,7 @@ def mission(*faults: Fault, seed: int = 1) -> Result:
     return Scenario.load(EXAMPLE, faults=faults, seed=seed).run()
 
 
-@pytest.mark.long_but("5*")
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "fault"), [(4, None), (9, None), (5, Fault("Arm", 6.5, "blocked_shoulder"))])
 def test_live_is_recorded_sample_by_sample(seed: int, fault: Fault | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The mission with its monitor, and the run computed without them: joint states, and the losses of the monitor."""

@@ -168,6 +168,7 @@ def test_both_need_everything_in_one_process(capsys: pytest.CaptureFixture[str])
     assert "--robots needs --middleware local" in capsys.readouterr().err
 
 
+@pytest.mark.long_but("5*")
 @pytest.mark.parametrize(("time", "behaviour"), [(5.0, "Turn"), (25.0, "GoTo")])
 def test_a_car_that_stands_still_is_blocked_whatever_it_is_at(time: float, behaviour: str) -> None:
     cars = Scenario.load(EXAMPLE.parent / "ground_vehicles.yaml", faults=[Fault("REX", time, "wheels")])

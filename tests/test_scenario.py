@@ -134,6 +134,7 @@ def test_an_obstacle_taken_away_is_no_longer_in_the_way(tmp_path, played):
     assert result.simulated != played[0].simulated
 
 
+@pytest.mark.long
 def test_a_renamed_pool_is_played_by_the_robot_of_that_name(tmp_path):
     result = run(
         changed(
@@ -210,6 +211,7 @@ def test_a_script_that_raises_fails_its_robot_and_the_others_are_stopped(tmp_pat
     assert any(message.startswith("REX waits at") and "/done" in message for message in result.messages)
 
 
+@pytest.mark.long
 def test_a_script_that_loops_for_ever_is_ended_and_its_robot_fails(tmp_path):
     result = run(with_fire(tmp_path, "while True: pass"))
     assert result.status == "failed"
@@ -311,6 +313,7 @@ def test_a_run_without_a_world_is_over_when_its_last_element_is(tmp_path):
     assert run(path).simulated == 0.25
 
 
+@pytest.mark.long
 def test_a_topic_that_nobody_hears_is_told_with_the_one_that_was_meant(tmp_path):
     path = changed(tmp_path, model=(('robot.publish("led"', 'robot.publish("Led"'),))
     told = [(event.robot, event.detail) for event in run(path).reports]

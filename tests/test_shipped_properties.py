@@ -38,6 +38,7 @@ RUN_ELSEWHERE = {"agriculture", "agriculture_resilient", "convoy", "delivery", "
 """Missions that tests of their own run and judge: test_scenario, test_small_missions, others by their name."""
 
 
+@pytest.mark.long_but("[!b]*")
 @pytest.mark.parametrize("name", [name for name in MISSIONS if name not in RUN_ELSEWHERE])
 def test_they_hold(name: str) -> None:
     assert [each.verdict for each in Scenario.load(mission(name)).run().judgements] == ["holds"] * COOKBOOK.get(name, 3)

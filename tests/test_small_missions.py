@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pytest
+
 from fame.clock import SECOND
 from fame.robot import Event
 from fame.scenario import Fault, Result, Scenario
@@ -40,6 +42,7 @@ def test_the_cars_set_off_together_when_the_last_one_is_there() -> None:
     assert sorted(there.values())[-1] > sorted(there.values())[-2] + 0.05  # the last one comes alone
 
 
+@pytest.mark.long
 def test_who_is_missing_is_not_waited_for_without_end() -> None:
     _, events = played(CONVOY, Fault("Car_3", 1.0, "engine"))
     there, off = times(events, "Activity_Barrier"), times(events, "Activity_Go")

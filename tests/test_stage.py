@@ -65,6 +65,7 @@ def test_a_stage_that_has_its_programs_may_skip_nothing(tmp_path: Path) -> None:
     assert lines[-1] == "ERROR this stage has what its tests need: none may be skipped"
 
 
+@pytest.mark.long
 def test_a_module_that_is_skipped_is_a_skip(tmp_path: Path) -> None:
     (tmp_path / "test_other.py").write_text("import pytest\npytest.importorskip('no_such', reason='no such package')")
     command = [sys.executable, str(STAGE), "it", "--no-skips", "-p", "no:cacheprovider", "--", "test_other.py"]
@@ -176,6 +177,7 @@ def test_the_workflows_are_valid(node_modules: Path) -> None:
     assert done.stdout == "[]\n"
 
 
+@pytest.mark.long
 def test_a_stage_without_tests_fails(tmp_path: Path) -> None:
     code, lines = stage(tmp_path, "-k", "none")
     assert code == 5

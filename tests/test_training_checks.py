@@ -105,6 +105,7 @@ def test_a_lone_sample_may_be_further_out_than_a_bump(detector: str, size: float
     assert list(outliers(fit(runs, replace(CONFIG, detector=detector)))) == refused
 
 
+@pytest.mark.long_but("2.0")
 @pytest.mark.parametrize("seconds", [2.0, 14.0])
 def test_a_run_that_lasts_much_longer_or_shorter_is_refused_unless_the_mission_waits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], seconds: float

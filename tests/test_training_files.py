@@ -133,6 +133,7 @@ def counted(path: Path, factor: int, step: int = 20) -> Path:
     return path
 
 
+@pytest.mark.long_but("s-*")
 @pytest.mark.parametrize(("unit", "factor", "rate"), [("ms", 1, 50.0), ("us", 1000, 50.0), ("s", 1, 0.05)])
 def test_whole_numbers_as_stamps_need_a_unit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str, factor: int, rate: float

@@ -212,6 +212,7 @@ def test_without_variation_only_the_bench_and_white_noise_differ():
     assert np.abs(reference - other)[:1000].std(axis=0) == pytest.approx(UR5E.noise * 0.85, rel=0.1)
 
 
+@pytest.mark.long_but("*0-1", "*1-1", "values0*")
 @pytest.mark.parametrize(
     ("values", "joint"), [({"friction": 0.2}, 1), ({"temperature": 20.0}, 1), ({"bias": 4.0}, 3), ({"payload": 0.5}, 2)]
 )

@@ -378,9 +378,7 @@ def test_a_world_that_cannot_be_built_leaves_nothing_either() -> None:
     assert not any(space.shapes or space.bodies for space in spaces)
 
 
-@pytest.mark.parametrize(
-    "text", ["walls: !!bool maybe", "step: !!int ''", "size: !!timestamp x", "size: " + "[" * 5000]
-)
+@pytest.mark.parametrize("text", ["walls: !!bool maybe", "step: !!int ''", "size: !!timestamp x", "size: " + "[" * 600])
 def test_what_yaml_itself_stumbles_over_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError, match=r"is not valid YAML|is nested too deeply"):
         read(tmp_path, text)

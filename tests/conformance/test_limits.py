@@ -56,6 +56,7 @@ def test_a_loop_through_a_sub_process_is_one_too(play: Play) -> None:
     assert {"m", "p", "a"} <= set(str(failure).replace(",", "").split())
 
 
+@pytest.mark.long_but("recorded")
 def test_an_event_sub_process_that_suspends_again_and_again_is_one_long_before(play: Play) -> None:
     low = handler("h", start("i", condition("low")), script("d"), end("e"), *path("i d e"), resume=True)
     run = play(start() + user("u") + path("s u") + low, {"low": True}).run()

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
+import pytest
 from engine_models import (
     Run,
     boundary,
@@ -166,8 +167,10 @@ def carry_through(run: Run, steps: int = 10_000) -> None:
             run.complete(users[-1])
 
 
-@settings(max_examples=150)
-@given(blocks(4), st.sampled_from(WAYS))
+@pytest.mark.long_but("recorded")
+@pytest.mark.parametrize("after", WAYS)
+@settings(max_examples=50)
+@given(block=blocks(4))
 def test_they_complete_visit_what_a_walk_visits_and_leave_nothing_behind(block: Block, after: str) -> None:
     content, visits = written(block)
     run = Run(content, {"n": 0}, after=after)
@@ -178,8 +181,10 @@ def test_they_complete_visit_what_a_walk_visits_and_leave_nothing_behind(block: 
     assert run.simulation.scheduler.next_time() is None
 
 
-@settings(max_examples=150)
-@given(blocks(4), st.integers(0, 12), st.sampled_from(("boundary", "handler")), st.sampled_from(WAYS))
+@pytest.mark.long_but("recorded")
+@pytest.mark.parametrize("after", WAYS)
+@settings(max_examples=50)
+@given(block=blocks(4), steps=st.integers(0, 12), how=st.sampled_from(("boundary", "handler")))
 def test_cancelled_anywhere_they_leave_nothing_behind(block: Block, steps: int, how: str, after: str) -> None:
     content, _ = written(block)
     if how == "boundary":

@@ -161,11 +161,11 @@ class Game:
 
 
 @pytest.mark.long_but("*-0")
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", range(16))
 @pytest.mark.parametrize("after", ["straight", "restored", "recorded"])
 def test_unstructured_models_go_as_the_tokens_of_the_standard_do(after: str, part: int) -> None:
     played = 0
-    for seed in range(part, 400, 4):
+    for seed in range(part, 400, 16):
         graph, dice = drawn(seed), random.Random(seed)
         try:
             game = Game(graph)
@@ -183,4 +183,4 @@ def test_unstructured_models_go_as_the_tokens_of_the_standard_do(after: str, par
             played += 1
         except Endless:
             continue
-    assert played > 70
+    assert played > 15
