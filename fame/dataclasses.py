@@ -17,6 +17,7 @@ from dataclasses import (
     is_dataclass as is_dataclass,
     replace as replace,
 )
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 
@@ -67,11 +68,24 @@ _OF_FROZEN = {"__setattr__": _refuse_to_set, "__delattr__": _refuse_to_delete, "
               "__setstate__": _set_state}  # fmt: skip
 
 
+def _params(base: type) -> Any:
+    """What a base says of how it was declared; of a plain class that it is not frozen."""
+    return getattr(base, "__dataclass_params__", SimpleNamespace(frozen=False))
+
+
 def _declared(cls: type, frozen: bool, eq: bool, repr: bool, kw_only: bool) -> type:
     """The dataclass of a class, with slots."""
     own = {name for name, value in vars(cls).items() if name != "__hash__" or value is not None}
     cls.__doc__ = cls.__doc__ or cls.__name__  # else it is made of the signature, for which all is compiled
-    made: Any = dataclasses.dataclass(cls, init=False, eq=False, repr=False, slots=True, kw_only=kw_only)
+    frozen_bases: list[Any] = [params for base in cls.__mro__[1:] if (params := _params(base)).frozen]
+    for params in frozen_bases:  # the methods that freeze are `_OF_FROZEN`
+        params.frozen = False
+    try:
+        made: Any = dataclasses.dataclass(cls, init=False, eq=False, repr=False, slots=True, kw_only=kw_only)
+    finally:
+        for params in frozen_bases:
+            params.frozen = True
+    made.__dataclass_params__.frozen = frozen  # which the standard library asks of the bases of a class of a user
     compiled = ["__init__", *["__repr__"] * repr, *["__eq__"] * eq, *["__hash__"] * (eq and frozen)]
     methods: dict[str, Any] = {name: _Method(made, name, frozen) for name in compiled}
     if eq and not frozen:

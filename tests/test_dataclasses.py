@@ -100,3 +100,22 @@ def test_nothing_is_compiled_before_it_is_asked_for(monkeypatch: pytest.MonkeyPa
     assert len(made) == 0
     assert [Pair(1).a, Pair(2).a] == [1, 2]
     assert len(made) == 1
+
+
+def test_a_class_of_the_standard_library_may_derive_from_a_frozen_one() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Ours:
+        x: int = 1
+
+    @dataclasses.dataclass(frozen=True, slots=True)
+    class Theirs(Ours):
+        y: int = 2
+
+    @dataclass(frozen=True, slots=True)
+    class Again(Theirs):
+        z: int = 3
+
+    assert (Theirs(4), Again(4, 5)) == (Theirs(x=4, y=2), Again(x=4, y=5, z=3))
+    assert hash(Theirs(4)) == hash(Theirs(4))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Again().x = 2  # type: ignore[misc]
