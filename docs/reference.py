@@ -23,6 +23,7 @@ from fame.bpmn.extension_properties import PROPERTIES
 from fame.cli import parser, project
 from fame.cli.arguments import Parser
 from fame.clock import Scheduler
+from fame.imports import PURPOSES
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration
@@ -297,6 +298,17 @@ def findings(level: str) -> Iterator[str]:
     yield from ("| problem | example |", "| --- | --- |", *(f"| {name} | {text} |" for text, name in rows.items()))
 
 
+# ---- extras ----------------------------------------------------------------------------------------------------------
+
+
+def extras() -> Iterator[str]:
+    """What each extra is for."""
+    yield from ("| extra | for |", "| --- | --- |")
+    for extra, purpose in PURPOSES.items():
+        shown = re.sub(r"fame [a-z, ]*[a-z]|--[a-z]+( zenoh)?", lambda command: f"`{command[0]}`", purpose)
+        yield f"| `{extra}` | {shown} |"
+
+
 # ---- topics of robots ------------------------------------------------------------------------------------------------
 
 
@@ -380,6 +392,7 @@ GENERATED: Mapping[str, Callable[[], Iterator[str]]] = {
     "elements": elements,
     "refusals": refusals,
     "rooms": rooms,
+    "extras": extras,
     "errors": partial(findings, "errors"),
     "warnings": partial(findings, "warnings"),
     "feel": feel,
@@ -407,7 +420,8 @@ def generate(page: str, *, committed: bool = False) -> str:
 
 def main() -> None:
     """Write what the pages have of the reference."""
-    for path in sorted(Path(__file__).parent.glob("*.md")):
+    here = Path(__file__).parent
+    for path in (here.parent / "README.md", *sorted(here.glob("*.md"))):
         old = path.read_text("utf-8")
         if (new := generate(old, committed=True)) != old:
             path.write_text(new, "utf-8")

@@ -127,23 +127,24 @@ def test_the_reference_of_yaml_keys_has_the_tables_of_the_validators_and_no_page
 
 
 GENERATED_PAGES = (
-    "architecture",
-    "semantics_tables",
-    "check_errors",
-    "check_warnings",
-    "commands",
-    "feel",
-    "extension_properties",
-    "robot_topics",
-    "yaml_keys",
+    "README.md",
+    "docs/architecture.md",
+    "docs/check_errors.md",
+    "docs/check_warnings.md",
+    "docs/commands.md",
+    "docs/extension_properties.md",
+    "docs/feel.md",
+    "docs/robot_topics.md",
+    "docs/semantics_tables.md",
+    "docs/yaml_keys.md",
 )
 
 
 @pytest.mark.parametrize("name", GENERATED_PAGES)
 def test_the_reference_in_the_pages_is_that_of_the_code(name: str) -> None:
-    text = (ROOT / "docs" / f"{name}.md").read_text("utf-8")
+    text = (ROOT / name).read_text("utf-8")
     assert text == generate(text, committed=True), "python docs/reference.py writes it"
-    assert len(text.partition("<!-- generated")[2].partition("<!-- end -->")[0].split()) > 100
+    assert len(text.partition("<!-- generated")[2].partition("<!-- end -->")[0].split()) > 80
 
 
 def test_fame_docs_gives_the_address_of_a_page_of_the_site(tmp_path, monkeypatch, capsys) -> None:
