@@ -55,7 +55,7 @@ def model(blocks: int, branches: int) -> str:
 def fame(text: str) -> tuple[float, bool]:
     """Seconds of an exploration with delivery ``run``, and whether nothing was found."""
     from fame.bpmn.reader import read_text
-    from fame.scenario.exploration import explore
+    from fame.scenario.explore.exploration import explore
 
     begun = time.process_time()
     result = explore(read_text(text, file="blocks.bpmn"), delivery="run")

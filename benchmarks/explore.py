@@ -84,7 +84,7 @@ ENOUGH = 1000
 def measure(case: str) -> dict[str, float | None]:
     """Explore one case in this process."""
     from fame.check.explore import exploration, local, product
-    from fame.scenario.exploration import explore
+    from fame.scenario.explore.exploration import explore
 
     spent = {"steps": 0.0, "count": 0, "engine": 0.0, "by engine": 0, "search": 0.0}
     searched = exploration.explore

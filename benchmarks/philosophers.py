@@ -72,7 +72,7 @@ def explored(count: int, ordered: bool, reduced: bool, first: bool) -> Row:
     sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
     from collaborations import philosophers, team
 
-    from fame.scenario.exploration import explore
+    from fame.scenario.explore.exploration import explore
 
     model = team(philosophers(count, ordered=ordered))
     begun = time.process_time()

@@ -16,6 +16,6 @@ from fame.errors import (
 from fame.log.recording import Recording as Recording
 from fame.robot.events import Event as Event, EventLog as EventLog
 from fame.scenario import Result as Result, Scenario as Scenario
-from fame.scenario.exploration import explore as explore
+from fame.scenario.explore.exploration import explore as explore
 from fame.simulation import Simulation as Simulation
 from fame.version import __version__ as __version__

@@ -26,19 +26,9 @@ class Room(NamedTuple):
 ROOMS: Mapping[str, Room] = {
     "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
-    "monitor": Room(
-        (
-            *("fame.monitor", "robots.arm", "fame.cli.adm", "fame.cli.anomaly_data", "fame.cli.monitors"),
-            *("fame.cli.pipelines", "fame.cli.ros"),
-        ),
-        "models learned from data",
-        "ml",
-    ),
+    "monitor": Room(("fame.monitor", "robots.arm", "fame.cli.monitor"), "models learned from data", "ml"),
     "explore": Room(
-        (
-            *("fame.check.explore", "fame.scenario.exploration", "fame.scenario.explored_run"),
-            *("fame.scenario.safety_report", "fame.scenario.coverage_file", "fame.cli.exploration"),
-        ),
+        ("fame.check.explore", "fame.scenario.explore", "fame.cli.exploration"),
         "every reachable state of a collaboration",
     ),
     "judge": Room(
@@ -188,12 +178,12 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "doctor": "fame.cli.doctor:add",
     },
     "monitor": {
-        "record": "fame.cli.pipelines:add_record",
-        "train": "fame.cli.pipelines:add_train",
-        "process": "fame.cli.pipelines:add_process",
-        "judge": "fame.cli.monitors:add_judge",
-        "model": "fame.cli.monitors:add_model",
-        "adm": "fame.cli.adm:add",
+        "record": "fame.cli.monitor.pipelines:add_record",
+        "train": "fame.cli.monitor.pipelines:add_train",
+        "process": "fame.cli.monitor.pipelines:add_process",
+        "judge": "fame.cli.monitor.models:add_judge",
+        "model": "fame.cli.monitor.models:add_model",
+        "adm": "fame.cli.monitor.adm:add",
     },
     "log": {"log": "fame.cli.logs:add"},
     "tools": {
@@ -201,8 +191,8 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "convert": "fame.cli.models:add_convert",
         "library": "fame.cli.models:add_library_command",
         "templates": "fame.cli.models:add_templates",
-        "topic": "fame.cli.ros:add_topic",
-        "param": "fame.cli.ros:add_param",
+        "topic": "fame.cli.monitor.ros:add_topic",
+        "param": "fame.cli.monitor.ros:add_param",
         "unit": "fame.cli.unit:add",
         "completion": "fame.cli.completion:add",
         "docs": "fame.cli.docs:add",
@@ -232,9 +222,9 @@ MIDDLEWARES: Mapping[str, str] = {
 # ---- what else the core uses of rooms --------------------------------------------------------------------------------
 
 DDS_TYPE = "fame.middleware.dds.wire:declared"
-EXPLORE_FOUND = "fame.scenario.exploration:explore_found"
-EXPLORE_MIGRATED = "fame.scenario.exploration:explore_migrated"
-EXPLORE_OBJECTION = "fame.scenario.exploration:objection"
+EXPLORE_FOUND = "fame.scenario.explore.exploration:explore_found"
+EXPLORE_MIGRATED = "fame.scenario.explore.exploration:explore_migrated"
+EXPLORE_OBJECTION = "fame.scenario.explore.exploration:objection"
 EXPLORE_OPTIONS = "fame.cli.exploration:add_arguments"
 EXPLORE_RUN = "fame.cli.exploration:run"
 FINDING_AS_JSON = "fame.cli.exploration:finding_as_json"
@@ -242,8 +232,8 @@ JAVASCRIPT_HOST = "fame.scripting.javascript:HostApi"
 JUDGE_COMMAND = "fame.cli.judging:judge"
 JUDGE_FOR = "fame.cli.judging:live_judge"
 JUDGE_LOG = "fame.log.judge:judge_log"
-MONITOR_INPUTS = "fame.cli.monitors:add_inputs"
-MONITOR_ON_PAGE = "fame.cli.monitors:judged_on_page"
+MONITOR_INPUTS = "fame.cli.monitor.models:add_inputs"
+MONITOR_ON_PAGE = "fame.cli.monitor.models:judged_on_page"
 RUN_JUDGE = "fame.scenario.judging:RunJudge"
 RUN_WATCHES = "fame.scenario.judging:RunWatches"
 TEAM_VOCABULARY = "fame.scenario.judging:team_vocabulary"

@@ -36,7 +36,7 @@ from fame.properties.sentence import NOWHERE
 from fame.robot.events import Event
 from fame.robot.node import RobotNode
 from fame.scenario import Scenario
-from fame.scenario.exploration import cast_of, explore
+from fame.scenario.explore.exploration import cast_of, explore
 from fame.scenario.run import Run
 from fame.testing.by_hand import MissionByHand
 from fame.testing.explored_runs import play

@@ -11,7 +11,7 @@ from fame.bpmn.topics import topic_table
 from fame.check import check
 from fame.deploy.envelope import Envelope
 from fame.middleware import messages
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 from fame.simulation import Simulation
 from tests.deployment_field import BPMN, Field, kill as kill_sender, made, process
 from tests.networked_machines import forbidden

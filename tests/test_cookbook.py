@@ -12,7 +12,7 @@ import fame
 from fame.bpmn import read
 from fame.bpmn.draw.diagram import draw
 from fame.cli import main, parser
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 
 ROOT = Path(__file__).parent.parent
 COOKBOOK = ROOT / "examples" / "cookbook"

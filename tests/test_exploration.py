@@ -12,7 +12,7 @@ import fame
 from fame.check.explore import Exploration
 from fame.errors import ConfigError
 from fame.properties import parse
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 
 
 def found(steps: dict[str, Steps], *, several: tuple[str, ...] = (), **options: Any) -> Exploration:

@@ -11,7 +11,7 @@ from compare_explorations import replayed
 import fame
 from fame.check.explore import Exploration
 from fame.check.explore.remembering import remembered
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 
 ASKED = ("if", "x > 3", ["throw go"], ["work"])
 AGAIN = ("if", "x > 3", ["work"], ["throw go"])

@@ -11,7 +11,7 @@ from fame.cli import main
 from fame.properties.grammar import parse
 from fame.properties.sentence import NOWHERE
 from fame.scenario import Completion, Scenario
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 from fame.testing import MissionLoader
 from fame.testing.explored_runs import play
 

@@ -17,7 +17,7 @@ from fame.engine.migration import MigrationPlan, migrate
 from fame.errors import ConfigError, MissionError
 from fame.robot.node import RobotNode
 from fame.robot.stored_values import dump
-from fame.scenario.exploration import cast_of, explore
+from fame.scenario.explore.exploration import cast_of, explore
 from fame.simulation import Simulation
 from fame.testing import MissionLoader
 

@@ -7,7 +7,7 @@ from bpmn_text import document
 
 from fame.check.explore import Exploration
 from fame.scenario import Scenario
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 from fame.testing import MissionLoader
 
 DATA = """

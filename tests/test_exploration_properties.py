@@ -14,7 +14,7 @@ from fame.check.explore.properties import Judged
 from fame.cli import main
 from fame.properties.grammar import parse
 from fame.properties.sentence import NOWHERE
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 from fame.testing import ExpectationError, MissionLoader
 
 TWO: dict[str, Steps] = {

@@ -12,7 +12,7 @@ from fame.check.explore.product import Options, Product
 from fame.check.explore.search import explore as search
 from fame.check.explore.stubborn import Outlook
 from fame.check.explore.transitions import CUT
-from fame.scenario.exploration import cast_of, explore
+from fame.scenario.explore.exploration import cast_of, explore
 
 _LIMIT = 1_500
 _SEEDS = 120

@@ -10,7 +10,7 @@ from fame.bpmn.model import Definitions
 from fame.check.explore import Exploration, Finding
 from fame.check.explore.findings import FAILING
 from fame.scenario import Scenario
-from fame.scenario.exploration import cast_of, explore
+from fame.scenario.explore.exploration import cast_of, explore
 from fame.testing.by_hand import MissionByHand
 from fame.testing.explored_runs import play
 

@@ -12,7 +12,7 @@ from fame.check.explore import Exploration
 from fame.check.explore.findings import FAILING
 from fame.properties.grammar import parse
 from fame.properties.sentence import NOWHERE
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 
 _SEEDS = 60
 LATE: dict[str, Steps] = {"A": ["timer PT1S", "throw go", "catch done"], "B": ["timer PT2S", "catch go", "throw done"]}

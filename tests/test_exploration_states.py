@@ -11,7 +11,7 @@ from fame.check.explore import Request
 from fame.check.explore.exploration import Team
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.local import Local
-from fame.scenario.exploration import cast_of
+from fame.scenario.explore.exploration import cast_of
 
 MODELS = Path(__file__).parent.parent / "models"
 MISSIONS = ("ground_vehicles", "agriculture", "agriculture_resilient", "convoy", "shuttle", "reassembly", "sabotage",

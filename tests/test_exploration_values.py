@@ -8,7 +8,7 @@ import fame
 from fame.bpmn.model import Definitions, Expression
 from fame.check.explore.aliases import Aliases
 from fame.check.explore.asking import asking
-from fame.scenario.exploration import explore
+from fame.scenario.explore.exploration import explore
 from fame.testing import MissionLoader
 
 UNKNOWN = "run x = robot.now"

@@ -192,7 +192,7 @@ def test_the_engine_knows_nothing_but_the_model() -> None:
 def test_robots_register_themselves_and_are_imported_by_nobody() -> None:
     users = {str(item) for item in imports() if package_of(item.target) == "robots" != package_of(item.source)}
     tools_of_an_arm = {
-        user for user in users if user.startswith(("fame.cli.adm", "fame.cli.anomaly_data"))
+        user for user in users if user.startswith("fame.cli.monitor.")
     }  # not a robot: its task and envelope
     assert users - tools_of_an_arm == set()
     assert {package_of(item.source) for item in imports() if package_of(item.target) == "sim2d"} == {

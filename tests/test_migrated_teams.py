@@ -17,8 +17,8 @@ from fame.config.loader import read_document
 from fame.deploy.migration import read_plan, write_plan
 from fame.deploy.sender_protocol import HOLDING
 from fame.errors import ConfigError
-from fame.scenario import exploration
-from fame.scenario.exploration import explore_migrated
+from fame.scenario.explore import exploration
+from fame.scenario.explore.exploration import explore_migrated
 
 
 def team(first: str, *, extra: str = "") -> str:

@@ -18,7 +18,8 @@ import pytest
 import yaml
 from domains import PROCESSES as DOMAIN
 
-from fame.cli import main, ros
+from fame.cli import main
+from fame.cli.monitor import ros
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages

@@ -16,7 +16,7 @@ from recorded_runs import record
 from view_page import opened, until
 
 from fame.cli import main
-from fame.cli.monitors import judged_on_page
+from fame.cli.monitor.models import judged_on_page
 from fame.log import Recording
 from fame.monitor.data_files import read_labelled_runs
 from fame.monitor.pipeline.trained_model import TrainedModel

@@ -19,7 +19,7 @@ from fame.text import write_file
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration, Finding
-    from fame.scenario.coverage_file import CoverageReport
+    from fame.scenario.explore.coverage_file import CoverageReport
 
 _ONLY = (
     "robots",
@@ -98,8 +98,8 @@ def _refuse_without_explore(arguments: Namespace) -> None:
 
 def run(arguments: Namespace) -> int:
     """Explore every file; exit code 1 after an error that is not accepted, else 3 if not all states were explored."""
-    from fame.scenario.coverage_file import read_coverage
-    from fame.scenario.exploration import explore
+    from fame.scenario.explore.coverage_file import read_coverage
+    from fame.scenario.explore.exploration import explore
 
     robots = _robots(arguments.robots)
     if arguments.coverage is not None and arguments.report is None:
@@ -162,7 +162,7 @@ def _report(
     """Write the page for people who sign."""
     from fame import __version__
     from fame.scenario import Scenario
-    from fame.scenario.safety_report import safety_report
+    from fame.scenario.explore.safety_report import safety_report
 
     scenario = Scenario.load(path, robots=robots, library=arguments.library)
     text = safety_report(

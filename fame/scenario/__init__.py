@@ -16,9 +16,8 @@ world and one engine per robot, deploys to them, monitors them and ends them.
     world_process  a simulated world in its own process, which publishes the clock; lockstep
     deployment     deploying to discovered robots and to late joiners
     settings       network and mission parameters of a scenario
-    exploration    exploring the states of a scenario
+    explore        exploring the states of a scenario, and the page for people who sign
     campaign       many runs; variation: what varies; campaign_report: the result
-    safety_report  the page for people who sign
 """
 
 from typing import TYPE_CHECKING

@@ -583,7 +583,7 @@ class MissionLoader:
         Raises ExpectationError after an error that is not accepted, and if not all states were explored, unless
         `allow_partial`.
         """
-        from fame.scenario.exploration import explore
+        from fame.scenario.explore.exploration import explore
 
         result = explore(self._found(path), **self._options(options))
         if result.status == "failed" or (result.status == "partial" and not allow_partial):

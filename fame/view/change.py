@@ -202,7 +202,7 @@ class ModelChange(ModelWatch):
 
     def _objection(self, about: _Examination) -> str:
         """Why what runs should not migrate, or nothing."""
-        from fame.scenario.exploration import objection
+        from fame.scenario.explore.exploration import objection
 
         if about.dry is None or about.error:
             return about.error
@@ -257,7 +257,7 @@ class ModelChange(ModelWatch):
         """Explore the state that robots have when they are held: it may be another one than that of the dry run."""
 
         def approve(pools: Any, foreseen: Any) -> str:
-            from fame.scenario.exploration import objection
+            from fame.scenario.explore.exploration import objection
 
             try:
                 return objection(_explored(about, pools, foreseen))
@@ -274,7 +274,7 @@ def _is_alike(one: ElementChange, other: ElementChange) -> bool:
 
 def _explored(about: _Examination, pools: Any, foreseen: Any) -> Exploration:
     """The exploration of what robots would have after a migration. Raises FameError."""
-    from fame.scenario.exploration import explore_migrated
+    from fame.scenario.explore.exploration import explore_migrated
 
     assert about.model is not None
     return explore_migrated(about.model, about.library, pools, foreseen)

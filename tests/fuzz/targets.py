@@ -526,8 +526,8 @@ def _valid_log() -> Path:
 
 def read_coverage(data: bytes) -> None:
     """The coverage of tests, as a page for people who sign has it."""
-    from fame.scenario.coverage_file import read_coverage
-    from fame.scenario.safety_report import safety_report
+    from fame.scenario.explore.coverage_file import read_coverage
+    from fame.scenario.explore.safety_report import safety_report
 
     coverage = read_coverage(_file("coverage.json", data))
     result, scenario = _explored()
@@ -537,7 +537,7 @@ def read_coverage(data: bytes) -> None:
 @cache
 def _explored() -> tuple[Any, Any]:
     from fame.scenario import Scenario
-    from fame.scenario.exploration import explore
+    from fame.scenario.explore.exploration import explore
 
     path = ROOT / "models/ground_vehicles.bpmn"
     return explore(path, limit=10), Scenario.load(path)

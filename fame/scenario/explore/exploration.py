@@ -19,7 +19,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.properties.diagram import drawn_properties
 from fame.properties.files import beside
 from fame.properties.sentence import Property
-from fame.scenario.explored_run import with_run
+from fame.scenario.explore.run import with_run
 from fame.scenario.scenario import Scenario
 
 if TYPE_CHECKING:

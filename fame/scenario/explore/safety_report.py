@@ -15,7 +15,7 @@ from fame.bpmn.model import Definitions, Element
 from fame.check.explore import Exploration
 from fame.deploy.envelope import model_hash
 from fame.errors import display_name
-from fame.scenario.coverage_file import CoverageReport
+from fame.scenario.explore.coverage_file import CoverageReport
 from fame.scenario.scenario import Scenario
 
 REQUIREMENT = "requirement"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from fame.cli.arguments import Commands, Parser, add_json, command, natural, positive
+from fame.cli.monitor.pipelines import listen
 from fame.cli.output import note, print_json
-from fame.cli.pipelines import listen
 from fame.errors import ConfigError, MissionError
 from fame.text import writing
 

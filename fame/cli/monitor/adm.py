@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.anomaly_data import (
+from fame.cli.arguments import Commands, add_json, command, group
+from fame.cli.monitor.anomaly_data import (
     add_labelled_files,
     add_published,
     add_source,
@@ -19,7 +20,6 @@ from fame.cli.anomaly_data import (
     settle,
     writable,
 )
-from fame.cli.arguments import Commands, add_json, command, group
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, MissionError

@@ -1,4 +1,4 @@
-"""Commands of monitors on recorded data: ``fame monitor judge`` and ``fame monitor model``."""
+"""Commands of learned models on recorded data: ``fame monitor judge`` and ``fame monitor model``."""
 
 from __future__ import annotations
 

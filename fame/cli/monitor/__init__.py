@@ -1,0 +1,1 @@
+"""Commands of learned models, and of the topics and parameters of nodes."""
