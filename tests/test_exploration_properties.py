@@ -30,6 +30,7 @@ COUNTS: dict[str, Steps] = {
     "A": ["run n = 0", "work", "run n += 1", "run n = n + 1", "work", "throw a"],
     "B": ["run n = 0; k = 5", "work", "catch a", "run n = 2"],
 }
+REMOVES: dict[str, Steps] = {"A": ["run n = 0", "work", "run del n", "work"], "B": ["work"]}
 LAST: dict[str, Steps] = {"A": ["run n = 0", "work", "run n = 5"], "B": ["work"]}
 DRAWS: dict[str, Steps] = {"A": ["run import os; n = os.getpid()", "work", "run n = 3", "throw a", "work"]}
 MANY: dict[str, Steps] = {"C": ["throw go", "catch done"], "F": ["catch go", "work", "throw done"]}
@@ -56,6 +57,7 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (LOOP, "A throws /a at most 2 times", "refuted"),
         (LOOP, "B throws /b at most 1 times", "proved"),
         (LOOP, "B completes", "proved"),
+        (REMOVES, "always A.n < 3", "not known"),
         (FOREVER, "B completes", "proved"),
         (FOREVER, "A completes", "refuted"),
         (RAISES, "never A fails", "refuted"),

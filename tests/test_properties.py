@@ -222,6 +222,12 @@ def test_what_is_false_decides_beside_what_was_not_measured() -> None:
         assert judged(parse(f"never A throws /found where {where}"), thrown, 10**10, True)[0] == word
 
 
+def test_numbers_of_any_size_are_compared() -> None:
+    items = [Item(0, source=ValueSource("variable", "A", "v"), value=10**400)]
+    assert judged(parse("always A.v > 3.5"), items, 10**9, True)[:2] == ("holds", math.inf)
+    assert judged(parse("always A.v <= 3"), items, 10**9, True)[:2] == ("violated", -math.inf)
+
+
 @pytest.mark.parametrize(
     "sentence",
     ["never A throws /found where id > 1", "B throws /done each time only after A throws /found with the same id"],

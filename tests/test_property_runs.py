@@ -109,7 +109,7 @@ def test_a_value_that_is_no_number_any_more_is_judged_alike_in_the_run_and_its_r
     words = [each.verdict for each in Scenario.load(team).run().judgements]
     capsys.readouterr()
     main(["log", "judge", str(place), str(log), "--json"])
-    (recorded,) = json.loads(capsys.readouterr().out)["runs"].values()
+    (recorded,) = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["runs"].values()
     assert words == [each["verdict"] for each in recorded]
     assert words[:2] == (["violated", "holds"] if "inf" in change else ["not known"] * 2)
 

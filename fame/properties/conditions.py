@@ -107,7 +107,11 @@ def _slack(left: Any, operator: str, right: Any) -> float | None:
     """How far a comparison of numbers is from being broken; negative if it is."""
     if operator in ("==", "!=") or not all(isinstance(each, int | float) for each in (left, right)):
         return None
-    return float(right - left) if operator in ("<", "<=") else float(left - right)
+    less, more = (left, right) if operator in ("<", "<=") else (right, left)
+    try:
+        return float(more - less)
+    except OverflowError:  # of whole numbers that no float can be
+        return math.inf if more > less else -math.inf
 
 
 def field_of(value: Any, path: Path) -> Any:

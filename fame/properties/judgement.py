@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -47,7 +48,7 @@ class Judgement:
             "property": self.name,
             "sentence": self.sentence,
             "verdict": self.verdict,
-            "slack": self.slack,
+            "slack": None if self.slack is None or math.isinf(self.slack) else self.slack,  # JSON has no infinity
             "time": self.time,
             "text": self.text,
             "robots": list(self.robots),

@@ -287,8 +287,10 @@ class Local:
             if outcome.begun:
                 self.states.note_begun(outcome.begun)
             number = self.states.number(engine)
-            after = self._read([*last, *engine.instances.values()]).items()
-            outcome.events += [(name, VALUE, value) for name, value in after if value != before.get(name)]
+            after = self._read([*last, *engine.instances.values()])
+            if not last or max(engine.instances, default=0) <= last[-1].key:  # what the instance has removed
+                after |= dict.fromkeys(before.keys() - after.keys(), UNKNOWN)
+            outcome.events += [(name, VALUE, value) for name, value in after.items() if value != before.get(name)]
             sent, flags = tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags))
             way = Successor(
                 CUT if number is None else number,
