@@ -27,9 +27,8 @@ from fame.imports import PURPOSES
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration
-from fame.monitor.pipeline.processors import PROCESSORS
 from fame.monitor.pipeline.train import Training
-from fame.rooms import COMMANDS, ROOMS
+from fame.rooms import COMMANDS, PROCESSORS, ROOMS, load
 from fame.scenario import plan, variation
 from fame.scenario.settings import NETWORK_KEYS
 from fame.scripting.feel.functions.collections import COLLECTIONS, CONTEXTS
@@ -343,7 +342,8 @@ def keys() -> Iterator[str]:
             *table(("key", "default, unit and meaning"), dict(parameters(robot_class(name).Parameters()))),
         )
     yield "## Processors of pipelines"
-    for name, processor in PROCESSORS.items():
+    for name, place in PROCESSORS.items():
+        processor = load(place)
         yield from (f"### `Class: {name}`", "", *prose((inspect.getdoc(processor) or "").partition("\n\n")[0]))
         about = {one.name: f"{one.description} ({one.default!r}{of_unit(one.unit)})" for one in processor.parameters}
         yield from table(("parameter", "meaning"), about)

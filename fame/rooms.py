@@ -86,7 +86,7 @@ def missing(error: BaseException) -> UnavailableError | None:
     return UnavailableError(f"this installation lacks {name} ({room.about}): {how}")
 
 
-# ---- services --------------------------------------------------------------------------------------------------------
+# ---- services and processors -----------------------------------------------------------------------------------------
 
 
 class BuiltInService(NamedTuple):
@@ -134,6 +134,24 @@ SERVICES: Mapping[str, BuiltInService] = {
     "train": BuiltInService("fame.monitor.services:train", ("configuration",), ("model", "thresholds"), _LEARNING),
 }
 """The services of FAME by name; `fame.monitor.services` says what they do."""
+
+
+PROCESSORS: Mapping[str, str] = {
+    "LowPass": "fame.monitor.pipeline.filters:LowPass",
+    "Resample": "fame.monitor.pipeline.filters:Resample",
+    "Scale": "fame.monitor.pipeline.filters:Scale",
+    "Window": "fame.monitor.pipeline.filters:Window",
+    "RMS": "fame.monitor.pipeline.filters:RMS",
+    "MovingStatistics": "fame.monitor.pipeline.filters:MovingStatistics",
+    "Spectrum": "fame.monitor.pipeline.filters:Spectrum",
+    "Estimator": "fame.monitor.pipeline.estimators:Estimator",
+    "Autoencoder": "fame.monitor.pipeline.estimators:Autoencoder",
+    "Threshold": "fame.monitor.pipeline.threshold:Threshold",
+    "Drift": "fame.monitor.drift:Drift",
+    "Expression": "fame.monitor.pipeline.threshold:Expression",
+    "Machine": "fame.monitor.pipeline.polled_source:Machine",
+}
+"""The processors of FAME by the name that a configuration gives."""
 
 
 # ---- commands --------------------------------------------------------------------------------------------------------

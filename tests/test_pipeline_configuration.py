@@ -13,8 +13,9 @@ from fame.middleware import messages
 from fame.middleware.interface import SIGNAL
 from fame.monitor.pipeline.configuration import INPUT, Configuration, load
 from fame.monitor.pipeline.fields import UnusableMessage, reader, writer
-from fame.monitor.pipeline.processors import PROCESSORS, assign, find_class, make_processors
+from fame.monitor.pipeline.processors import assign, find_class, make_processors
 from fame.monitor.pipeline.train import training_of
+from fame.rooms import PROCESSORS
 
 PUBLISHED = """\
 Inputs:
@@ -190,7 +191,7 @@ def test_a_processor_of_the_user_is_a_class_in_any_file(tmp_path: Path) -> None:
     )
     (made,) = make_processors(read(tmp_path, Processor="mine.py:Twice"))
     assert made.execute({}) == {"Loss": 2}
-    assert find_class("fame.monitor.pipeline.processors.LowPass", tmp_path).__name__ == "LowPass"
+    assert find_class("fame.monitor.LowPass", tmp_path).__name__ == "LowPass"
     assert "mine.py:Broken cannot be made: OSError: no device" in refusal(tmp_path, Processor="mine.py:Broken")
     (tmp_path / "bad.py").write_text("def")
     assert "bad.py cannot be imported: SyntaxError" in refusal(tmp_path, Processor="bad.py:X")

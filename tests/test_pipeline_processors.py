@@ -4,20 +4,11 @@ import numpy as np
 import pytest
 
 from fame.errors import ConfigError
+from fame.monitor.pipeline.estimators import Estimator
+from fame.monitor.pipeline.filters import RMS, LowPass, MovingStatistics, Resample, Scale, Spectrum, Window
 from fame.monitor.pipeline.processor import Parameter, Samples, set_value
-from fame.monitor.pipeline.processors import (
-    RMS,
-    Estimator,
-    Expression,
-    LowPass,
-    MovingStatistics,
-    Resample,
-    Scale,
-    Spectrum,
-    Threshold,
-    Window,
-    run,
-)
+from fame.monitor.pipeline.processors import run
+from fame.monitor.pipeline.threshold import Expression, Threshold
 
 
 def wave(n: int = 400, rate: float = 500.0, channels: int = 3, seed: int = 0) -> Samples:

@@ -15,8 +15,10 @@ from fame.monitor.calibration import MARGIN
 from fame.monitor.data_files import hash_files, read_runs
 from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.estimators import Autoencoder
+from fame.monitor.pipeline.filters import LowPass
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.processors import LowPass, Threshold, run
+from fame.monitor.pipeline.processors import run
+from fame.monitor.pipeline.threshold import Threshold
 from fame.monitor.pipeline.train import Training, fit, train, training_of
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.version import current as fame_version

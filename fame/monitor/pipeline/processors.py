@@ -1,4 +1,4 @@
-"""Built-in processors by name, the processors of a configuration made, and chains of them applied to recorded data."""
+"""The processors of a configuration made, and chains of them applied to recorded data."""
 
 from __future__ import annotations
 
@@ -13,27 +13,10 @@ import numpy as np
 from fame.config.loader import find_object, registered
 from fame.config.values import join
 from fame.errors import ConfigError, FameError
-from fame.monitor.drift import Drift
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage
-from fame.monitor.pipeline.estimators import Autoencoder, Estimator
-from fame.monitor.pipeline.filters import RMS, LowPass, MovingStatistics, Resample, Scale, Spectrum, Window
-from fame.monitor.pipeline.polled_source import Machine
 from fame.monitor.pipeline.processor import Samples, SupportsExecute, declared_parameters, output_names
-from fame.monitor.pipeline.threshold import Expression, Threshold
+from fame.rooms import PROCESSORS, load
 from fame.text import suggestion
-
-PROCESSORS: dict[str, type] = {
-    kind.__name__: kind
-    for kind in (
-        LowPass, Resample, Scale, Window, RMS, MovingStatistics, Spectrum,
-        Estimator, Autoencoder, Threshold, Drift, Expression, Machine,
-    )
-}  # fmt: skip
-
-__all__ = [
-    "PROCESSORS", "RMS", "Autoencoder", "Drift", "Estimator", "Expression", "LowPass", "Machine", "MovingStatistics",
-    "Resample", "Scale", "Spectrum", "Threshold", "Window",
-]  # fmt: skip
 
 
 def make_processors(configuration: Configuration) -> list[Any]:
@@ -63,7 +46,8 @@ def find_class(name: str, folder: Path) -> type:
     Raises ConfigError.
     """
     if name in PROCESSORS:
-        return PROCESSORS[name]
+        built_in: type = load(PROCESSORS[name])
+        return built_in
     added = registered("fame.processors")
     name = added.get(name, name)
     if not name.replace(":", ".").rpartition(".")[0]:
