@@ -135,6 +135,7 @@ class EngineNode:
         self._unsure = ""  # why its mission stays suspended until a new deployment
         self._reserve, self._no_memory = bytearray(_RESERVE), ""
         self._memory_check: Entry | None = None
+        self._life = 0  # counts how often all was forgotten
         self._resumed: ResumedMission | None = None
         self._protocol: ProtocolMachine[RobotDeployment, RobotEvent, RobotAction] = ProtocolMachine(
             RobotDeployment(robot, born=self.born), step, self._perform
@@ -298,6 +299,8 @@ class EngineNode:
     # ---- what it receives ------------------------------------------------------------------------------------------
 
     def _on_envelope(self, message: Any) -> None:
+        if self._no_memory and self._keeper is not None:
+            return  # it does not know what it has promised: it is as silent as an engine that has ended
         deployment = ""
         try:
             envelope = read_envelope(message.data, self.robot, self._wall_time())
@@ -412,7 +415,7 @@ class EngineNode:
             case ScheduleLoad():
                 self.scheduler.soon(partial(self._protocol.handle, LoadDue()), Kind.RESUMPTION)
             case Load(envelope):
-                Work(self.scheduler, self._loading(envelope), self._on_loaded)
+                Work(self.scheduler, self._loading(envelope), partial(self._on_loaded, self._life))
             case Discard():
                 self._discard()
             case AwaitEndpoints(envelope):
@@ -540,8 +543,11 @@ class EngineNode:
         options = replace(options, observer=both, membership=membership)
         return load(envelope.model, self.robot, options, scheduler=self._time, middleware=self.middleware)
 
-    def _on_loaded(self, result: RobotNode | FameError) -> None:
-        if isinstance(result, FameError):
+    def _on_loaded(self, life: int, result: RobotNode | FameError) -> None:
+        if life != self._life:  # nobody waits for it any more
+            if not isinstance(result, FameError):
+                result.close()
+        elif isinstance(result, FameError):
             self._protocol.handle(Loaded(str(result), Problem.of(result)))
         else:
             self._loaded = result
@@ -672,27 +678,30 @@ class EngineNode:
         self._memory_check = self.scheduler.after(SECOND, self._check_memory, Kind.TIMER)
         running = self.running
         if self._keeper is not None:
-            self._keeper.drop()
-            self._trouble = ""
-            self._close_running("suspended")
-            self.running = None
+            self._forget_all(self._keeper)
         elif running is not None and _MEMORY not in running.holds:
             self._unsure = "no memory was left in a step of its mission, which may be half done; deploy again"
             running.hold(_MEMORY)
         if running is not None:
             self._note("holds: no memory is left")
 
-    def _check_memory(self) -> None:
-        """Go on, if there is memory again. Raises MemoryError, and ConfigError as `_resume`."""
-        self._reserve = bytearray(_RESERVE)
+    def _forget_all(self, keeper: StateKeeper) -> None:
+        """Forget what is not on the disk, as a crash does: nothing half done is to get there, or to be answered."""
+        keeper.drop()
+        self._trouble, self._life = "", self._life + 1
         self._discard()
         self._close_candidate()
-        old = self._protocol.state
-        self._protocol.state = RobotDeployment(self.robot, born=self.born)
-        if self._keeper is None:  # what was under way is lost, as it is if the engine ends
-            self._protocol.state = replace(self._protocol.state, running=old.running, newest=old.newest)
-        self._resume()
-        self._no_memory = ""
+        self._close_running("suspended")
+        self.running = None
+        runs = self._protocol.state.running
+        self._protocol.state = RobotDeployment(self.robot, running=runs, born=self.born)
+
+    def _check_memory(self) -> None:
+        """Go on, if there is memory again. Raises MemoryError, and ConfigError as `_resume`."""
+        self._reserve, self._no_memory = bytearray(_RESERVE), ""
+        if self._keeper is not None:
+            self._protocol.state = RobotDeployment(self.robot, born=self.born)
+            self._resume()
 
     # ---- the end ---------------------------------------------------------------------------------------------------
 
