@@ -284,6 +284,11 @@ class Team:
             case "read-only":
                 self.machines[step.target].disk.trouble = errno.EROFS
                 self._later(step.value, partial(setattr, self.machines[step.target].disk, "trouble", 0))
+            case "memory":
+                engine = self.robots[step.target].engine
+                if engine is None:
+                    return False
+                engine._on_no_memory()
             case "stop":
                 process = self.robots[step.target].process
                 if process is None or process.stopped:
