@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from fame.bpmn.pools import pools_of, shared_topics
+from fame.bpmn.topics import TopicUse
 from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.engine import Instance
@@ -24,7 +25,6 @@ from fame.randomness import RANDOM_MODULES, ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, ServiceFunction, make_mission
 from fame.robot.events import ENDED, Observer, OnEvent, combine_observers
 from fame.robot.options import RobotOptions
-from fame.robot.services import StartService
 from fame.rooms import RUN_JUDGE, RUN_WATCHES, WATCH, load
 from fame.scenario.film_captions import Captions
 from fame.scenario.plan import Completion, Fault, OutsideSignal, published_from_outside
@@ -131,42 +131,45 @@ class Run:
 
     def _build_nodes(self, strict: bool) -> list[RobotNode]:
         """Make and load a node with an engine for each robot."""
-        scenario, bodies = self.scenario, self.world.robots if self.world is not None else {}
+        scenario = self.scenario
         shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library.declared)
-        services: dict[str, StartService] = {}
-        if self._watches is not None:
-            services[WATCH] = partial(self._watches.start, self.middleware, self.world)
-        nodes = [
-            RobotNode(
-                robot,
-                make_mission(
-                    scenario.definitions,
-                    pool.process,
-                    library=scenario.library,
-                    shared=shared,
-                    services=self._services(robot),
-                ),
-                scheduler=self.scheduler,
-                middleware=self.middleware,
-                options=RobotOptions(
-                    service_starts=services,
-                    observer=self.observer,
-                    on_report=self.reports.append,
-                    on_end=partial(self._on_end, robot),
-                    safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
-                    safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
-                    strict=strict,
-                    epoch=scenario.epoch,
-                    random=robot_random(scenario.seed, robot),
-                    until=round(scenario.duration * SECOND),
-                    hold_errors=self._hold_errors,
-                ),
-            )
-            for robot, pool in scenario.cast.items()
-        ]
+        nodes = [self._node(robot, shared, strict) for robot in scenario.cast]
         for node in nodes:
             node.load()
         return nodes
+
+    def _node(self, robot: str, shared: Mapping[str, TopicUse], strict: bool, *, compiled: bool = True) -> RobotNode:
+        """Make the node of a robot. `shared`: the topics of the collaboration."""
+        plan, body = self.scenario, self.world.robots.get(robot) if self.world is not None else None
+        watched = (
+            {WATCH: partial(self._watches.start, self.middleware, self.world)} if self._watches is not None else {}
+        )
+        return RobotNode(
+            robot,
+            make_mission(
+                plan.definitions,
+                plan.cast[robot].process,
+                library=plan.library,
+                shared=shared,
+                services=self._services(robot),
+            ),
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            compiled=compiled,
+            options=RobotOptions(
+                service_starts=watched,
+                observer=self.observer,
+                on_report=self.reports.append,
+                on_end=partial(self._on_end, robot),
+                safe_state=body.SAFE_STATE if body is not None else (),
+                safe_suspended=body.SAFE_SUSPENDED if body is not None else (),
+                strict=strict,
+                epoch=plan.epoch,
+                random=robot_random(plan.seed, robot),
+                until=round(plan.duration * SECOND),
+                hold_errors=self._hold_errors,
+            ),
+        )
 
     def _check_faults(self) -> None:
         for fault in self.scenario.faults:

@@ -20,10 +20,8 @@ from fame.check.explore.kinds import kinds_of
 from fame.clock import SECOND
 from fame.errors import FameError
 from fame.properties.conditions import subjects
-from fame.randomness import robot_random
-from fame.robot import RobotNode, make_mission
+from fame.robot import RobotNode
 from fame.robot.events import Observer
-from fame.robot.options import RobotOptions
 from fame.scenario import Scenario
 from fame.scenario.run import Run
 from fame.testing.failure import failure
@@ -52,22 +50,15 @@ class _RunByHand(Run):
             named=codes_named(plan.properties),
         )  # fmt: skip
         self.mail = self.middleware.network = HeldNetwork(self.scheduler, self.abstract.shared)
-        nodes = {
-            robot: RobotNode(
-                robot,
-                make_mission(plan.definitions, pool.process, library=plan.library, shared=shared),
-                scheduler=self.scheduler, middleware=self.middleware, compiled=False,
-                options=RobotOptions(
-                    observer=self.observer, on_report=self.reports.append, strict=strict,
-                    epoch=plan.epoch, random=robot_random(plan.seed, robot),
-                ),
-            )
-            for robot, pool in plan.cast.items()
-        }  # fmt: skip
+        nodes = {robot: self._node(robot, shared, strict, compiled=False) for robot in plan.cast}
         for node in nodes.values():
             node.host.timers.hold()
         self.hosts = stand_ins(nodes, kinds, self.abstract)
         return list(nodes.values())
+
+
+_LONGEST = 1e9
+"""The end of a run by hand (s): its times mean nothing."""
 
 
 class MissionByHand(MissionUnderTest):
@@ -87,7 +78,7 @@ class MissionByHand(MissionUnderTest):
         """Make the run: without world, faults, completions, and bounds: its times mean nothing."""
         nothing: dict[str, Any] = dict.fromkeys(("faults", "completions", "signals"), ())
         properties = tuple(one for one in self.scenario.properties if one.bound is None)
-        plan = replace(self.scenario, world=None, network=None, properties=properties, **nothing)
+        plan = replace(self.scenario, world=None, network=None, properties=properties, duration=_LONGEST, **nothing)
         run = _RunByHand(plan, False, observer, None)
         for (robot, element), ways in self._decisions.items():
             run.hosts[robot].decided[element].extend(ways)
