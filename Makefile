@@ -9,7 +9,7 @@
 # make attack  attacks on live engines: each has to be held
 # make docs    the pages as a site, from fame/site/docs/index.html on
 # make lint    style, format and types; of the page, too, once `make lint-page` has been called
-# make lint-page   style and format of the page's JavaScript; needs npm
+# make lint-page   style, format and types of the page's JavaScript; needs npm
 # make test-fastdds   the tests beside rclpy on Fast DDS, the default of ROS 2, which PyPI has for Python 3.12
 # make test-python   the fast tests with another Python: VERSION=3.14; .ci/python finds it, or downloads it from Debian
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
@@ -122,10 +122,12 @@ lint: $(VENV)/dev.installed
 	$(BIN)/ruff format --check
 	$(BIN)/mypy --strict fame robots sim2d
 	@if command -v npm > /dev/null && [ -e $(PAGE)/node_modules/installed ]; then $(MAKE) --no-print-directory lint-page; \
-		else echo "the page: NOT RUN: eslint and prettier are not installed ('make lint-page' does so, with npm)"; fi
+		else echo "the page: NOT RUN: eslint, tsc and prettier are not installed ('make lint-page' does so, with npm)"; fi
 
 lint-page: $(PAGE)/node_modules/installed
 	$(PAGE)/node_modules/.bin/eslint --config $(PAGE)/eslint.config.js fame/view/page
+	$(PAGE)/node_modules/.bin/tsc --project $(PAGE)/tsconfig.json
+	$(PAGE)/node_modules/.bin/tsc --project $(PAGE)/tsconfig.typed.json
 	$(PAGE)/node_modules/.bin/prettier --log-level warn --config $(PAGE)/prettier.json --check 'fame/view/page/*.js' '$(PAGE)/*.js*'
 
 $(PAGE)/node_modules/installed: $(PAGE)/package-lock.json

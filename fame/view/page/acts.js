@@ -1,6 +1,7 @@
 // What a person does at a token: completes a task with a form, retries, skips, sets, moves. Buttons wherever the
 // token is shown.
 
+/** @import {App} from "./main.js" */
 import { h } from "./dom.js";
 import { ask, guessed } from "./form.js";
 import { nameOf, needsSomebody } from "./roster.js";
@@ -26,6 +27,7 @@ const results = (text) =>
   );
 
 export class Acts {
+  /** @param {App} app */
   constructor(app) {
     this.app = app;
   }
@@ -147,6 +149,7 @@ export class Acts {
   async move(r, wait) {
     const { elements } = this.app.mission;
     const from = elements[wait.e];
+    /** @type {[value: string, text: string][]} */
     const others = elements.flatMap((one, number) =>
       one.body === from.body &&
       (one.file ?? 0) === (from.file ?? 0) &&

@@ -5,18 +5,25 @@ import { clock, css, h, isDark, sharp } from "./dom.js";
 const RULER = 22;
 const OVERVIEW = 12;
 
-/** Marks of the ruler: round steps that leave room for their text. */
+/**
+ * Marks of the ruler: round steps that leave room for their text.
+ *
+ * @param {number} span ns
+ * @param {number} width px
+ * @returns {number} ns
+ */
 export function step(span, width) {
   const least = (span / Math.max(width, 1)) * 86;
   const power = 10 ** Math.floor(Math.log10(least));
-  const found = [1, 2, 5, 10].map((times) => times * power).find((value) => value >= least);
-  return Math.max(found, 1e6);
+  const round = [1, 2, 5, 10].map((times) => times * power).find((value) => value >= least);
+  return Math.max(round ?? least, 1e6);
 }
 
 export class Axis {
   constructor(timeline) {
     this.timeline = timeline;
     this.overview = h("canvas", { cls: "overview", "aria-hidden": "true" });
+    this.strip = document.createElement("canvas"); // what the overview shows but for the cursor
     this.ruler = h("canvas", { cls: "ruler", "aria-hidden": "true" });
   }
 
@@ -62,7 +69,6 @@ export class Axis {
     if (same && (known.version === store.version || performance.now() < known.pause)) return;
     const begun = performance.now();
     const values = this.densities(start, end, timeline.width);
-    this.strip ??= document.createElement("canvas");
     const pen = sharp(this.strip, timeline.width, OVERVIEW);
     pen.clearRect(0, 0, timeline.width, OVERVIEW);
     pen.fillStyle = css("--soft");

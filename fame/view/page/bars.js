@@ -1,5 +1,18 @@
 // What is painted in the lanes of the timeline: bars of executions, arrows of signals, marks of errors and reports.
 
+/**
+ * @import {Box, Point} from "./types.js"
+ * @import {LoadedBlock, Span} from "./store.js"
+ * @import {Timeline} from "./timeline.js"
+ *
+ * @typedef {object} Hit something that can be pointed at
+ * @property {Box} box
+ * @property {Span} [span]
+ * @property {import("./signals.js").Arrow} [arrow]
+ * @property {[block: LoadedBlock, at: number]} [mark]
+ * @property {any} [property]
+ * @property {any} [alarm]
+ */
 import { css, cross, isDark, paint, robotColour, trace } from "./dom.js";
 import { step } from "./axis.js";
 import { PAD, ROW } from "./lanes.js";
@@ -8,18 +21,28 @@ import { link } from "./signals.js";
 import { CANCEL, FAIL, REPORT, spansOf, tokenKey } from "./store.js";
 
 export class Bars {
+  /** @param {Timeline} timeline */
   constructor(timeline) {
     this.timeline = timeline;
     this.app = timeline.app;
-    this.begin();
+    this.look = { ink: "", open: "", failed: "" };
+    /** @type {import("./signals.js").Arrow[]} */
+    this.arrows = [];
+    this.arrowsVersion = -1;
+    /** @type {Hit[]} what is where */
+    this.hits = [];
+    /** @type {Map<number, Box[]>} the boxes of labels, by the middle of their line */
+    this.written = new Map();
+    /** @type {Map<number, number>} robot and row -> px of its last bar that is thinner than one */
+    this.last = new Map();
   }
 
   /** Begin a new picture. */
   begin() {
     this.look = { ink: css("--ink"), open: css("--open"), failed: css("--failed") };
-    this.hits = []; // {box, and one of span, arrow, mark, property, alarm}: what is where
-    this.written = new Map(); // the boxes of labels, by the middle of their line
-    this.last = new Map(); // robot and row -> px of its last bar that is thinner than one
+    this.hits = [];
+    this.written = new Map();
+    this.last = new Map();
   }
 
   drawLanes(context, lanes, scroll, height) {
@@ -48,7 +71,7 @@ export class Bars {
 
   // ---- executions --------------------------------------------------------------------------------
 
-  drawSpans(context, { data, end, number }, lanes) {
+  drawSpans(context, { end, number }, data, lanes) {
     const { store } = this.app;
     const { from, until: last } = this.timeline;
     const following = store.blocks[number + 1];
@@ -127,6 +150,11 @@ export class Bars {
     if (how === FAIL) cross(context, x + width - 5.5, y + height / 2, 2.5, failed, 2);
   }
 
+  /**
+   * @param {CanvasRenderingContext2D} context @param {string} text @param {number} x @param {number} y
+   * @param {number} room px
+   * @param {string} colour
+   */
   text(context, text, x, y, room, colour) {
     if (room < 14) return;
     context.fillStyle = colour;
@@ -136,6 +164,7 @@ export class Bars {
       if (fits < 2) return;
       shown = `${shown.slice(0, fits)}…`;
     }
+    /** @type {Box} */
     const box = [x, y - 6, context.measureText(shown).width, 12];
     if (this.written.get(y)?.some((other) => overlap(other, box))) return;
     this.written.set(y, [...(this.written.get(y) ?? []), box]);
@@ -143,7 +172,11 @@ export class Bars {
     context.fillText(shown, x, y + 0.5);
   }
 
-  /** Whether there is a label in a box. */
+  /**
+   * Whether there is a label in a box.
+   *
+   * @param {Box} box
+   */
   covers(box) {
     return [...this.written].some(
       ([y, boxes]) => Math.abs(y - box[1] - 6) < 12 && boxes.some((other) => overlap(other, box)),
@@ -185,6 +218,7 @@ export class Bars {
   /** Write a topic beside its arrow, if there is room: its tooltip says it. */
   label(context, text, x, y) {
     const wide = context.measureText(text).width;
+    /** @type {Box} */
     const box = [x + 5, y, wide + 6, 12];
     if (x + wide > this.timeline.width || this.covers(box)) return;
     context.fillStyle = css("--panel");
@@ -226,19 +260,20 @@ function hatch(context, x, y, width, height) {
   context.restore();
 }
 
-function drawArrow(context, [x0, y0], [x1, y1]) {
+/** @param {CanvasRenderingContext2D} context @param {Point} from @param {Point} to */
+function drawArrow(context, from, to) {
+  const [x0, y0] = from;
+  const [x1, y1] = to;
   const ink = css("--arrow");
   const angle = Math.atan2(y1 - y0, x1 - x0);
+  /** @type {(aside: number) => Point} */
   const barb = (aside) => [x1 - 7 * Math.cos(angle + aside), y1 - 7 * Math.sin(angle + aside)];
-  trace(context, [
-    [x0, y0],
-    [x1, y1],
-  ]);
+  trace(context, [from, to]);
   paint(context, { stroke: ink, width: 1.2 });
   context.beginPath();
   context.arc(x0, y0, 2.6, 0, 7);
   paint(context, { fill: ink });
-  trace(context, [[x1, y1], barb(-0.45), barb(0.45)]);
+  trace(context, [to, barb(-0.45), barb(0.45)]);
   paint(context, { fill: ink });
 }
 
@@ -251,12 +286,16 @@ function triangle(context, x, y, fill) {
   paint(context, { fill });
 }
 
-/** The places of errors and reports in a block. */
+/**
+ * The places of errors and reports in a block.
+ *
+ * @param {LoadedBlock} block
+ */
 function marksOf(block) {
   const { w } = block.columns;
   if (block.marksLength !== w.length) {
     block.marksLength = w.length;
     block.marks = [...w.keys()].filter((at) => w[at] === FAIL || w[at] === REPORT);
   }
-  return block.marks;
+  return block.marks ?? [];
 }

@@ -1,6 +1,7 @@
 // A model that a running team could change to: dropped on the page of the team; on a page of its own what it would
 // do, then Deploy or Migrate.
 
+/** @import {App} from "./main.js" */
 import { h, icon, s, show } from "./dom.js";
 import { ask } from "./form.js";
 
@@ -30,6 +31,7 @@ const badge = ([x, y, width], name, grow) =>
   );
 
 export class Change {
+  /** @param {App} app */
   constructor(app) {
     this.app = app;
     this.input = h("input", {
@@ -44,7 +46,7 @@ export class Change {
     addEventListener("drop", (event) => {
       if (!this.may) return;
       event.preventDefault();
-      this.take(event.dataTransfer.files[0]);
+      this.take(event.dataTransfer?.files[0]);
     });
   }
 

@@ -1,9 +1,19 @@
 // Control of a simulated run besides its pace: breakpoints, signal, set, fault, branch. Absent where read-only.
 
-import { h, icon, renew } from "./dom.js";
+/** @import {App} from "./main.js" */
+import { h, icon, renew, messageOf } from "./dom.js";
 import { ask } from "./form.js";
 
+/**
+ * An option that is called what it is.
+ *
+ * @param {string} text
+ * @returns {[value: string, text: string]}
+ */
+const same = (text) => [text, text];
+
 export class Control {
+  /** @param {HTMLElement} root @param {App} app */
   constructor(root, app) {
     this.root = root;
     this.app = app;
@@ -20,7 +30,7 @@ export class Control {
       if (answer.said) this.app.toast(answer.said);
       return answer;
     } catch (error) {
-      this.app.toast(error.message, true);
+      this.app.toast(messageOf(error), true);
       return null;
     }
   }
@@ -105,7 +115,7 @@ export class Control {
   // ---- asking ------------------------------------------------------------------------------------
 
   robots() {
-    return this.app.mission.robots.map((robot) => [robot.name, robot.name]);
+    return this.app.mission.robots.map(({ name }) => same(name));
   }
 
   chosenRobot() {
@@ -116,7 +126,7 @@ export class Control {
   async signal() {
     const { mission } = this.app;
     const catchers = mission.elements.flatMap((element) => (element.topics ?? []).map(([topic]) => topic));
-    const options = [...new Set(catchers)].sort().map((topic) => [topic, topic]);
+    const options = [...new Set(catchers)].sort().map(same);
     const choice = { key: "topic", label: "Topic", kind: "select", options, value: options[0]?.[0] };
     const found = await ask("Send a signal", [choice], "Next");
     if (!found) return;

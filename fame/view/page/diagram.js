@@ -1,6 +1,7 @@
 // The diagrams: FAME's SVG, with tokens, outcomes and findings on it. Zoom, pan, and a breadcrumb into called
 // processes.
 
+/** @import {App} from "./main.js" */
 import { arrange, h, s, icon, robotColour, show } from "./dom.js";
 import { Names, Pins } from "./names.js";
 import { TAKE, after, counted } from "./store.js";
@@ -144,15 +145,21 @@ function legsOf(plane, state, from, wanted) {
   return legs.values();
 }
 
-/** By how much a drawing is moved: [x, y]. */
+/**
+ * How to get from places on a plane to those in its drawing, which is moved.
+ *
+ * @param {Element} drawing
+ * @returns {[dx: number, dy: number]}
+ */
 function shiftOf(drawing) {
-  const moved = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(drawing.firstElementChild?.getAttribute("transform"));
-  return moved === null ? [0, 0] : moved.slice(1).map(Number);
+  const moved = /translate\(([-\d.]+)[ ,]([-\d.]+)/.exec(drawing.firstElementChild?.getAttribute("transform") ?? "");
+  return moved === null ? [0, 0] : [-Number(moved[1]), -Number(moved[2])];
 }
 
 const MOST_FLIGHTS = 400; // of the last events, those that are looked at for tokens on their way
 
 export class Diagram {
+  /** @param {HTMLElement} root @param {App} app */
   constructor(root, app) {
     this.app = app;
     this.planes = new Map();
@@ -254,12 +261,13 @@ export class Diagram {
     const { elements } = this.app.mission;
     const plane = elements[element]?.plane ?? -1;
     if (plane < 0) return;
+    /** @type {[plane: number, opener: number][]} */
     const trail = [[this.home(), -1]];
     for (const opener of openers) {
       const inside = elements[opener].inside;
-      if (inside !== undefined && inside !== trail.at(-1)[0]) trail.push([inside, opener]);
+      if (inside !== undefined && inside !== trail.at(-1)?.[0]) trail.push([inside, opener]);
     }
-    if (trail.at(-1)[0] !== plane) trail.push([plane, -1]);
+    if (trail.at(-1)?.[0] !== plane) trail.push([plane, -1]);
     this.trail = trail[0][0] === trail[1]?.[0] ? trail.slice(1) : trail;
     await this.draw(plane);
   }
@@ -345,7 +353,7 @@ export class Diagram {
       groups,
       shapes,
       pins,
-      names: new Names({ drawing, groups, shapes, pins, shift: shiftOf(drawing).map((one) => -one) }),
+      names: new Names({ drawing, groups, shapes, pins, shift: shiftOf(drawing) }),
       level: Infinity,
       under: s("g", { cls: "under" }),
       over: s("g", { cls: "over" }),

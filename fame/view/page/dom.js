@@ -1,20 +1,35 @@
 // Builds elements. Text always becomes a text node: nothing from a model or a message is ever parsed as markup.
 
+/**
+ * @import {Point} from "./types.js"
+ *
+ * @typedef {{[name: string]: any, cls?: string, dataset?: Object<string, any>}} Attributes
+ * @typedef {Node | string | number | boolean | null | undefined | Child[]} Child
+ */
+
 const SVG = "http://www.w3.org/2000/svg";
 
 /**
  * What an element does at an event. It is looked up when the event comes: `renew` gives an element what a later one
  * does.
+ *
+ * @param {any} element @param {string} type @param {(event: any) => void} action
  */
 function listen(element, type, action) {
   element.actions ??= new Map();
-  if (!element.actions.has(type)) element.addEventListener(type, (event) => element.actions.get(type)?.(event));
+  if (!element.actions.has(type))
+    element.addEventListener(type, (/** @type {Event} */ event) => element.actions.get(type)?.(event));
   element.actions.set(type, action);
 }
 
+/**
+ * @param {any[]} children
+ * @returns {any[]}
+ */
 const present = (children) =>
   children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false);
 
+/** @param {any} element @param {Attributes | null | undefined} attributes @param {Child[]} children */
 function fill(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes ?? {})) {
     if (value === undefined || value === null || value === false) continue;
@@ -26,18 +41,32 @@ function fill(element, attributes, children) {
   return element;
 }
 
-/** An HTML element: attributes as an object (`cls` is the class, `onclick` a listener), then children or text. */
+/**
+ * An HTML element: attributes as an object (`cls` is the class, `onclick` a listener), then children or text.
+ *
+ * @param {string} tag @param {Attributes | null} [attributes] @param {Child[]} children
+ * @returns {any} an element of any kind
+ */
 export function h(tag, attributes, ...children) {
   return fill(document.createElement(tag), attributes, children);
 }
 
-/** An SVG element. */
+/**
+ * An SVG element.
+ *
+ * @param {string} tag @param {Attributes | null} [attributes] @param {Child[]} children
+ * @returns {any}
+ */
 export function s(tag, attributes, ...children) {
   return fill(document.createElementNS(SVG, tag), attributes, children);
 }
 
-/** The element with this id. */
-export const byId = (id) => document.getElementById(id);
+/**
+ * The element with this id, which the page has.
+ *
+ * @param {string} id
+ */
+export const byId = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
 const ICONS = {
   play: "M7 5v14l12-7z",
@@ -70,16 +99,29 @@ const ICONS = {
   send: "M4 12l16-8-6 16-3-6z",
   dot: "M12 7a5 5 0 1 0 0 10 5 5 0 0 0 0-10z",
 };
+/** @typedef {keyof typeof ICONS} Picture */
+
 const SOLID = new Set(["play", "pause", "next", "previous", "dot"]);
 
+/** @type {Map<string, Element>} */
 const drawn = new Map(); // pictograms: copied, which is faster than to build them
 
-/** A pictogram of 24 by 24. */
+/**
+ * A pictogram of 24 by 24.
+ *
+ * @param {Picture} name
+ * @returns {Node}
+ */
 export function icon(name) {
-  if (!drawn.has(name)) drawn.set(name, drawnIcon(name));
-  return drawn.get(name).cloneNode(true);
+  const known = drawn.get(name) ?? drawnIcon(name);
+  drawn.set(name, known);
+  return known.cloneNode(true);
 }
 
+/**
+ * @param {Picture} name
+ * @returns {Element}
+ */
 function drawnIcon(name) {
   const solid = SOLID.has(name);
   const path = s("path", {
@@ -93,12 +135,20 @@ function drawnIcon(name) {
   return s("svg", { viewBox: "0 0 24 24", cls: "icon", "aria-hidden": "true" }, path);
 }
 
-/** Replace the children of an element. */
+/**
+ * Replace the children of an element.
+ *
+ * @param {Element} element @param {Child[]} children
+ */
 export function show(element, ...children) {
   element.replaceChildren(...present(children));
 }
 
-/** Give an element these nodes as its children, without moving those that are in their place. */
+/**
+ * Give an element these nodes as its children, without moving those that are in their place.
+ *
+ * @param {Element} element @param {Node[]} nodes
+ */
 export function arrange(element, nodes) {
   const wanted = new Set(nodes);
   for (const node of [...element.childNodes]) if (!wanted.has(node)) node.remove();
@@ -113,6 +163,7 @@ export function arrange(element, nodes) {
 
 Children of the same kind are the same, one after the other; those with `data-key`, wherever they are. Their listeners
 are those of the new ones, which may not refer to their own element but by `event.currentTarget`. */
+/** @param {Element} element @param {Child[]} children */
 export function renew(element, ...children) {
   renewChildren(
     element,
@@ -120,8 +171,10 @@ export function renew(element, ...children) {
   );
 }
 
+/** @param {any} node */
 const kindOf = (node) => (node.nodeType === Node.ELEMENT_NODE ? `${node.localName} ${node.dataset.key ?? ""}` : "text");
 
+/** @param {any} element @param {any[]} fresh */
 function renewChildren(element, fresh) {
   const known = new Map();
   for (const node of element.childNodes) {
@@ -141,6 +194,7 @@ function renewChildren(element, fresh) {
   for (const nodes of known.values()) for (const node of nodes) node.remove();
 }
 
+/** @param {any} node @param {any} fresh */
 function renewNode(node, fresh) {
   if (node.nodeType !== Node.ELEMENT_NODE) {
     if (node.nodeValue !== fresh.nodeValue) node.nodeValue = fresh.nodeValue;
@@ -161,16 +215,31 @@ function renewNode(node, fresh) {
   if (node.localName === "select" && node.value !== value && node !== document.activeElement) node.value = value;
 }
 
-/** Nanoseconds as m:ss.mmm, or h:mm:ss.mmm. */
+/**
+ * What an error says.
+ *
+ * @param {unknown} error
+ */
+export const messageOf = (error) => (error instanceof Error ? error.message : String(error));
+
+/**
+ * Nanoseconds as m:ss.mmm, or h:mm:ss.mmm.
+ *
+ * @param {number} time
+ */
 export function clock(time) {
   const ms = Math.round(Math.max(0, time) / 1e6);
-  const two = (number) => String(number).padStart(2, "0");
+  const two = (/** @type {number} */ number) => String(number).padStart(2, "0");
   const minutes = Math.floor(ms / 60000);
   const rest = `${two(Math.floor(ms / 1000) % 60)}.${String(ms % 1000).padStart(3, "0")}`;
   return minutes < 60 ? `${minutes}:${rest}` : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${rest}`;
 }
 
-/** A duration in nanoseconds, short: 12 ms, 3.4 s, 2 min. */
+/**
+ * A duration in nanoseconds, short: 12 ms, 3.4 s, 2 min.
+ *
+ * @param {number} time
+ */
 export function duration(time) {
   if (time < 1e9) return `${Math.round(time / 1e6)} ms`;
   if (time < 120e9) return `${Number((time / 1e9).toPrecision(3))} s`;
@@ -183,10 +252,18 @@ const DARK = ["#79a9ff", "#ff9d52", "#5fd08f", "#cf9bf2", "#4fd0e2", "#ff86c4", 
 /** Whether the page is dark now. */
 export const isDark = () => document.documentElement.dataset.theme === "dark";
 
-/** The colour of robot number `index`. */
+/**
+ * The colour of robot number `index`.
+ *
+ * @param {number} index
+ */
 export const robotColour = (index) => (isDark() ? DARK : LIGHT)[index % LIGHT.length];
 
-/** A small square in the colour of a robot. */
+/**
+ * A small square in the colour of a robot.
+ *
+ * @param {number} index
+ */
 export function swatch(index) {
   const square = h("i", { cls: "swatch" });
   square.style.background = robotColour(index);
@@ -198,6 +275,9 @@ const variables = new Map();
 /**
  * The value of a CSS variable. The browser is asked once for each theme: it would bring its styles up to date each
  * time.
+ *
+ * @param {string} name
+ * @returns {string}
  */
 export function css(name) {
   const key = `${document.documentElement.dataset.theme} ${name}`;
@@ -205,7 +285,12 @@ export function css(name) {
   return variables.get(key);
 }
 
-/** A canvas as large as its box, sharp on any screen. Gives its context, in CSS pixels. */
+/**
+ * A canvas as large as its box, sharp on any screen. Gives its context, in CSS pixels.
+ *
+ * @param {HTMLCanvasElement} canvas @param {number} width @param {number} height
+ * @returns {CanvasRenderingContext2D}
+ */
 export function sharp(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
   const w = Math.round(width * ratio);
@@ -216,18 +301,27 @@ export function sharp(canvas, width, height) {
     canvas.style.width = `${width}px`;
     canvas.style.height = `${height}px`;
   }
-  const context = canvas.getContext("2d");
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return context;
 }
 
-/** Make a line through these points the path of a context, without what was in it. */
+/**
+ * Make a line through these points the path of a context, without what was in it.
+ *
+ * @param {CanvasRenderingContext2D} context @param {Point[]} points
+ */
 export function trace(context, points) {
   context.beginPath();
   points.forEach(([x, y], place) => context[place ? "lineTo" : "moveTo"](x, y));
 }
 
-/** Fill the path of a context, and draw along it, in these colours. */
+/**
+ * Fill the path of a context, and draw along it, in these colours.
+ *
+ * @param {CanvasRenderingContext2D} context
+ * @param {{fill?: string, stroke?: string, width?: number}} look
+ */
 export function paint(context, { fill, stroke, width = 1.5 }) {
   if (fill) {
     context.fillStyle = fill;
@@ -240,7 +334,12 @@ export function paint(context, { fill, stroke, width = 1.5 }) {
   }
 }
 
-/** A cross about a point, which reaches as far as `half` (px). */
+/**
+ * A cross about a point, which reaches as far as `half` (px).
+ *
+ * @param {CanvasRenderingContext2D} context @param {number} x @param {number} y @param {number} half
+ * @param {string} stroke @param {number} width
+ */
 export function cross(context, x, y, half, stroke, width) {
   for (const side of [1, -1]) {
     trace(context, [

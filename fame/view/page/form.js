@@ -1,5 +1,11 @@
 // Forms: fields with their kind and limits become inputs, which the browser validates; a dialog gives the values.
 
+/**
+ * @import {Field} from "./types.js"
+ *
+ * @typedef {[shown: HTMLElement, read: () => any, focus: HTMLElement]} Input what is shown for a field, what reads its
+ *   value, and what takes the focus
+ */
 import { h } from "./dom.js";
 
 /** The type of the input for a kind of field. */
@@ -27,6 +33,9 @@ export function guessed(text) {
 /**
  * The inputs of a field {key, label, kind, required, min, max, minLength, maxLength, pattern, options, value, unit,
  * help}.
+ *
+ * @param {Field} field
+ * @returns {Input}
  */
 function made(field) {
   const { kind = "text" } = field;
@@ -45,6 +54,10 @@ function made(field) {
   return line(field);
 }
 
+/**
+ * @param {Field} field
+ * @returns {Input}
+ */
 function select({ options = [], required, value }) {
   const pick = h(
     "select",
@@ -56,6 +69,10 @@ function select({ options = [], required, value }) {
   return [pick, () => (pick.value === "" ? undefined : JSON.parse(pick.value)), pick];
 }
 
+/**
+ * @param {Field} field
+ * @returns {Input}
+ */
 function radio({ label, options = [], required, value }) {
   const name = `radio-${(fresh += 1)}`;
   const inputs = options.map(([of]) =>
@@ -73,7 +90,12 @@ function radio({ label, options = [], required, value }) {
   return [group, read, inputs[0]];
 }
 
-/** The input of one line: a text, a number, a date, or a value of no known type. */
+/**
+ * The input of one line: a text, a number, a date, or a value of no known type.
+ *
+ * @param {Field} field
+ * @returns {Input}
+ */
 function line(field) {
   const { kind = "text", value } = field;
   const integer = kind === "integer";
@@ -100,10 +122,13 @@ function line(field) {
 
 /**
  * The parts of a form for some fields, and what reads their values: by key, of dotted keys as objects inside objects.
+ *
+ * @param {Field[]} fields
  */
 export function formOf(fields) {
   const parts = [];
   const readers = [];
+  /** @type {HTMLElement | null} */
   let first = null;
   for (const field of fields) {
     if (field.kind === "note" || field.kind === "other") {
@@ -142,9 +167,16 @@ function nested(pairs) {
   return found;
 }
 
-/** Ask for the values of fields in a dialog. Gives them, or null if somebody cancels. */
+/**
+ * Ask for the values of fields in a dialog. Gives them, or null if somebody cancels.
+ *
+ * @param {string} title @param {Field[]} fields @param {string} action
+ * @param {import("./dom.js").Child} [text]
+ * @returns {Promise<Object<string, any> | null>}
+ */
 export function ask(title, fields, action, text = []) {
   const { parts, values, first } = formOf(fields);
+  /** @type {Object<string, any> | null} */
   let answer = null;
   const take = () => {
     answer = values();

@@ -1,8 +1,10 @@
 // Heat maps: what each element did in many recorded runs, as colours and numbers on the diagram. A click lists the
 // runs.
 
+/** @import {App} from "./main.js" */
 import { h, s, show } from "./dom.js";
 
+/** @type {Object<string, [name: string, meaning: string, text: (value: any) => string]>} */
 const MEASURES = {
   times: ["Frequency", "how often it began, or a flow was taken", (n) => `${n}×`],
   p50: ["Duration p50", "half of its completed executions took at most this long", (value) => seconds(value)],
@@ -27,9 +29,11 @@ const seconds = (value) =>
         : `${Math.round(value / 3600)} h`;
 
 export class Heat {
+  /** @param {App} app */
   constructor(app) {
     this.app = app;
     this.measure = "times";
+    /** @type {{element: number, rows: any, version?: number}} */
     this.runs = { element: -1, rows: null }; // of the chosen element
   }
 
@@ -192,7 +196,7 @@ export class Heat {
           h("span", { cls: "quiet" }, element.tag.replace(/([A-Z])/g, " $1").toLowerCase()),
         ),
         this.table(facts),
-        element.inside >= 0
+        element.inside !== undefined
           ? h("button", { cls: "text", onclick: () => this.app.diagram.open(element.inside, number) }, "Open")
           : null,
       ),

@@ -1,6 +1,8 @@
 // The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages
 // and log.
 
+/** @import {App} from "./main.js" */
+/** @import {Element, MessageRow, Wait} from "./types.js" */
 import { h, icon, clock, duration, isDark, renew, swatch } from "./dom.js";
 import { nameOf } from "./roster.js";
 import { FAIL, LOG, REPORT, END, after, counted } from "./store.js";
@@ -36,20 +38,32 @@ export function brief(value, most = 120) {
   return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : (text ?? "–");
 }
 
-/** What a token waits for. */
+/**
+ * What a token waits for.
+ *
+ * @param {Wait} wait
+ */
 function reason({ service, action, text }) {
   if (service) return `the service ${service} to answer`;
   return action ? `the action ${action} to end` : text;
 }
 
-/** What is wrong with the server that a token has asked. */
+/**
+ * What is wrong with the server that a token has asked.
+ *
+ * @param {Wait} wait @param {number} time
+ */
 const troubles = ({ gone, silent, mismatches = [] }, time) => [
   ...(gone === undefined ? [] : [`it has had no server for ${duration(Math.max(0, time - gone))}`]),
   ...(silent === undefined ? [] : [`its server has said nothing for ${duration(Math.max(0, time - silent))}`]),
   ...mismatches,
 ];
 
-/** The robots, or other nodes, that publish on the topics that a token waits for. */
+/**
+ * The robots, or other nodes, that publish on the topics that a token waits for.
+ *
+ * @param {Wait} wait
+ */
 const sendersOf = ({ topics = [], publishers = {} }) =>
   topics
     .flatMap((topic) => publishers[topic] ?? [])
@@ -66,6 +80,7 @@ function numbers(value, path = [], found = [], depth = 3) {
 }
 
 export class Inspector {
+  /** @param {HTMLElement} root @param {App} app */
   constructor(root, app) {
     this.app = app;
     this.root = root;
@@ -212,7 +227,7 @@ export class Inspector {
   finish(state, time) {
     const begun = performance.now();
     const inSight = (r) => !this.hidden.has(this.parts.get(r));
-    const order = [...this.stale].sort((a, b) => inSight(b) - inSight(a));
+    const order = [...this.stale].sort((a, b) => Number(inSight(b)) - Number(inSight(a)));
     for (const [place, r] of order.entries()) {
       if (place > 0 && place % 6 === 0 && inSight(r)) this.findSight(order.slice(place));
       if (!inSight(r) && performance.now() - begun > SLICE) break;
@@ -597,19 +612,25 @@ export class Inspector {
         "div",
         { cls: "row" },
         isModel ? null : this.visits(number, time),
-        element.inside >= 0 ? h("button", { cls: "text", onclick: open }, "Open") : null,
+        element.inside !== undefined ? h("button", { cls: "text", onclick: open }, "Open") : null,
         control.forElement(number),
       ),
     );
   }
 
+  /** @param {Element} element */
   cardHead({ name, id }) {
     const close = h("button", { title: "Close", onclick: () => this.app.select({ element: -1 }) }, icon("close"));
     return h("div", { cls: "head" }, h("b", null, name || id), close);
   }
 
-  /** What the model says of an element. */
+  /**
+   * What the model says of an element.
+   *
+   * @param {Element} element
+   */
   facts({ id, tag, source, topics, condition }) {
+    /** @param {[topic: string, way: string, name?: string]} topic */
     const row = ([topic, way, name]) => {
       const verb = way === "throw" ? "publishes " : "receives ";
       return h("div", null, verb, h("code", null, topic), name ? ` (${name})` : "");
@@ -672,6 +693,7 @@ export class Inspector {
     return h("table", { cls: "variables" }, h("tbody", null, rows));
   }
 
+  /** @param {MessageRow} row @param {number} time */
   message([t, topic, sender, content], time) {
     const paths = numbers(content);
     return h(

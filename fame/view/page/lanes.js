@@ -1,5 +1,10 @@
 // Where the bars of the timeline are: a lane for each robot, in it rows for each depth of called processes.
 
+/**
+ * @import {LoadedBlock, Span} from "./store.js"
+ *
+ * @typedef {{r: number, top: number, height: number, depths: number[]}} Lane of a robot: `depths` are the first rows
+ */
 import { spansOf } from "./store.js";
 
 export const ROW = 16; // px
@@ -8,20 +13,27 @@ const LANE = 33;
 export const MOST_ROWS = 4;
 const DEEPEST = 9;
 
+/** @param {number} r @param {number} depth */
 const laneOf = (r, depth) => `${r}/${Math.min(depth, DEEPEST)}`;
 
 export class Lanes {
-  rows = new Map(); // robot and depth -> Map element -> row
+  /** @type {Map<string, Map<number, number>>} robot and depth -> element -> row */
+  rows = new Map();
 
-  /** Give elements that are under way at the same time different rows: each element keeps its row. */
+  /**
+   * Give elements that are under way at the same time different rows: each element keeps its row.
+   *
+   * @param {LoadedBlock} block
+   */
   settle(block) {
     if (block.settled === block.columns.t.length) return;
     block.settled = block.columns.t.length;
+    /** @type {Map<string, Span[]>} */
     const active = new Map();
     for (const span of spansOf(block)) {
       const lane = laneOf(span.r, span.depth);
-      if (!this.rows.has(lane)) this.rows.set(lane, new Map());
-      const rows = this.rows.get(lane);
+      const rows = this.rows.get(lane) ?? new Map();
+      this.rows.set(lane, rows);
       if (span.until === span.from) {
         if (!rows.has(span.e)) rows.set(span.e, 0);
         continue;
@@ -36,16 +48,26 @@ export class Lanes {
     }
   }
 
-  /** The row of an execution among those of its depth. */
+  /**
+   * The row of an execution among those of its depth.
+   *
+   * @param {Span} span
+   */
   rowOf({ r, depth, e }) {
     return Math.min(this.rows.get(laneOf(r, depth))?.get(e) ?? 0, MOST_ROWS - 1);
   }
 
-  /** Lanes of a number of robots, with bars of some levels: {r, top, height, depths: the first row of each depth}. */
+  /**
+   * Lanes of a number of robots, with bars of some levels: {r, top, height, depths: the first row of each depth}.
+   *
+   * @param {number} robots @param {number} levels
+   */
   of(robots, levels) {
+    /** @type {Lane[]} */
     const found = [];
     let top = 0;
     for (let r = 0; r < robots; r += 1) {
+      /** @type {number[]} */
       const depths = [];
       let rows = 0;
       for (let depth = 0; depth < levels; depth += 1) {

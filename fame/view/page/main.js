@@ -1,6 +1,10 @@
 // The page: loads the mission, keeps cursor and selection, and redraws what follows them.
 
-import { byId, clock, h, icon, show } from "./dom.js";
+/**
+ * @import {Finding, Mission} from "./types.js"
+ * @import {State} from "./store.js"
+ */
+import { byId, clock, h, icon, show, messageOf } from "./dom.js";
 import { Acts } from "./acts.js";
 import { Change } from "./change.js";
 import { Control } from "./control.js";
@@ -48,15 +52,37 @@ const LEGEND = [
   "Double-click a call activity to see what runs in it.",
 ];
 
-class App {
-  mission = { robots: [], elements: [], planes: [], blocks: [], end: 0, reading: 1, kind: "", control: [] };
+/** The page: what it shows, and what is chosen. */
+export class App {
+  /** @type {Mission} */
+  mission = {
+    kind: "",
+    title: "",
+    chips: [],
+    notices: [],
+    robots: [],
+    elements: [],
+    planes: [],
+    models: [],
+    types: {},
+    reading: 1,
+    blocks: [],
+    end: 0,
+    control: [],
+    messages: false,
+  };
   selected = { robot: -1, element: -1 };
+  /** @type {Set<number>} elements */
   breakpoints = new Set();
+  /** @type {Map<number, Finding[]>} by element */
   findings = new Map();
+  /** @type {State | null} at the cursor; null while its block is being loaded */
   state = null;
   waiting = false;
-  timer = null; // redraws at `due`
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  timer = undefined; // redraws at `due`
   due = Infinity;
+  /** @type {number | null} */
   missing = null; // since when the state at the cursor is being loaded (ms)
   gone = ""; // what has become of the connection, if nothing comes by it
 
@@ -279,7 +305,7 @@ class App {
   /** Wait until no movement of the cursor is to be shown, and the browser has nothing else to do. */
   async calm() {
     for (;;) {
-      if (window.requestIdleCallback) await new Promise((done) => requestIdleCallback(done, { timeout: SOON }));
+      if ("requestIdleCallback" in window) await new Promise((done) => requestIdleCallback(done, { timeout: SOON }));
       if (!this.store.peeking && this.missing === null && performance.now() - this.player.sought > REST) return;
       await new Promise((done) => setTimeout(done, 30));
     }
@@ -287,14 +313,19 @@ class App {
 
   // ---- cursor and selection ----------------------------------------------------------------------
 
+  /**
+   * @param {{robot?: number, element?: number}} change
+   * @param {{reveal?: boolean, scope?: number | null, openers?: number[] | null}} [options]
+   */
   select(change, { reveal = false, scope = null, openers = null } = {}) {
     const before = this.selected.robot;
+    /** @type {Promise<void> | null} */
     let shown = null;
     Object.assign(this.selected, change);
     if (reveal && this.selected.element >= 0) {
       const around = openers ?? (scope !== null && this.state ? this.state.openers(this.selected.robot, scope) : []);
       shown = this.diagram.reveal(this.selected.element, around);
-    } else if (change.robot >= 0) shown = this.diagram.ofRobot(change.robot);
+    } else if (change.robot !== undefined && change.robot >= 0) shown = this.diagram.ofRobot(change.robot);
     if (this.selected.robot !== before) Promise.resolve(shown).then(() => this.diagram.focus());
     this.saveLink();
     this.redraw();
@@ -360,7 +391,7 @@ class App {
     parts.set("t", String(this.player.time / 1e9));
     if (this.selected.robot >= 0) parts.set("robot", robots[this.selected.robot].name);
     const element = elements[this.selected.element];
-    if (element !== undefined) parts.set("element", element.file > 0 ? `${element.id}@${element.file}` : element.id);
+    if (element !== undefined) parts.set("element", element.file ? `${element.id}@${element.file}` : element.id);
     return parts.toString();
   }
 
@@ -460,19 +491,18 @@ class App {
     try {
       this.world.update(this.state, time);
     } catch (error) {
-      if (!this.strangeWorld) this.toast(`The world cannot be drawn: ${error.message}`, true);
+      if (!this.strangeWorld) this.toast(`The world cannot be drawn: ${messageOf(error)}`, true);
       this.strangeWorld = true;
     }
   }
 
   /** Whether the state at the cursor is being loaded, and has been for a moment only. */
   isMissing(now) {
-    if (this.state !== null || !this.store.blocks.length) this.missing = null;
-    else {
-      this.missing ??= now;
-      if (now - this.missing < PATIENCE) this.soon(PATIENCE);
-    }
-    return this.missing !== null && now - this.missing < PATIENCE;
+    const since = this.missing ?? now;
+    this.missing = this.state !== null || !this.store.blocks.length ? null : since;
+    const missing = this.missing !== null && now - since < PATIENCE;
+    if (missing) this.soon(PATIENCE);
+    return missing;
   }
 
   // ---- page --------------------------------------------------------------------------------------
@@ -526,7 +556,7 @@ class App {
   }
 
   help() {
-    const dialog = byId("help");
+    const dialog = /** @type {HTMLDialogElement} */ (byId("help"));
     const keys = KEYS.map(([names, text]) => {
       const each = names.split(" ").map((name) => h("kbd", null, name));
       return [h("dt", null, each), h("dd", null, text)];
@@ -551,8 +581,9 @@ class App {
     const actions = this.actions();
     addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-      if (/^(input|select|textarea)$/i.test(event.target.localName)) return;
-      if (event.key === " " && event.target.localName === "button") return;
+      const { localName } = /** @type {Element} */ (event.target);
+      if (/^(input|select|textarea)$/i.test(localName)) return;
+      if (event.key === " " && localName === "button") return;
       const action = actions[event.key] ?? actions[event.key.toLowerCase()];
       if (action === undefined) return;
       event.preventDefault();
@@ -595,7 +626,7 @@ class App {
 }
 
 const app = new App();
-window.fame = app; // for the console, and for tests
+Object.assign(window, { fame: app }); // for the console, and for tests
 app.start().catch((error) => {
-  app.diagram.nothing("The page could not be loaded", String(error.message ?? error));
+  app.diagram.nothing("The page could not be loaded", messageOf(error));
 });

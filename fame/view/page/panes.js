@@ -1,6 +1,7 @@
 // The panes of a desk: splitters between them, moved by pointer or keys and collapsed by Enter; one of them takes the
 // whole page.
 
+/** @import {App} from "./main.js" */
 import { byId, h, icon } from "./dom.js";
 
 const SPLITS = [
@@ -13,6 +14,7 @@ const LEAST = 6; // % of the room: by which a key moves, and what is too little 
 const KEPT = "fame-panes";
 
 export class Panes {
+  /** @param {App} app */
   constructor(app) {
     this.app = app;
     // % of what is after a splitter, by its name and the tab
@@ -21,7 +23,7 @@ export class Panes {
     byId("work").append(...this.splitters.slice(0, 2));
     byId("work").after(h("section", { cls: "between", "aria-label": "Splitter" }, this.splitters[2]));
     for (const panel of document.querySelectorAll("#work > .panel, #time"))
-      panel.querySelector(".bar").append(this.maximiser(panel));
+      panel.querySelector(".bar")?.append(this.maximiser(panel));
     for (const [name, size] of Object.entries(this.sizes)) this.apply(name, size);
     new ResizeObserver(() =>
       this.splitters.forEach((one) => one.setAttribute("aria-valuenow", Math.round(this.now(one)))),
@@ -120,14 +122,14 @@ export class Panes {
    * Give a panel the whole page, or its place again; without one, the panel that has the focus, or was clicked last.
    */
   maximise(
-    panel = document.activeElement.closest(".panel") ??
+    panel = document.activeElement?.closest(".panel") ??
       document.querySelector(".panel.max, .panel:hover") ??
       byId("diagram"),
   ) {
     for (const one of document.querySelectorAll("#work > .panel, #time")) {
       const on = one === panel && !one.classList.contains("max");
       one.classList.toggle("max", on);
-      one.querySelector(".maximise").setAttribute("aria-pressed", String(on));
+      one.querySelector(".maximise")?.setAttribute("aria-pressed", String(on));
     }
     this.app.redraw();
   }

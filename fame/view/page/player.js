@@ -1,9 +1,12 @@
 // The one time cursor: where it is, and how it moves.
 
+/** @import {App} from "./main.js" */
+
 const JUMP = 90; // ms between two moves of the cursor which are no longer one movement
 export const SPEEDS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100];
 
 export class Player {
+  /** @param {App} app */
   constructor(app) {
     this.app = app;
     this.time = 0;

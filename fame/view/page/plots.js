@@ -1,5 +1,7 @@
 // Plots: a numeric variable, or a field of a message, over the time of the timeline.
 
+/** @import {App} from "./main.js" */
+/** @import {Timeline} from "./timeline.js" */
 import { h, icon, clock, robotColour, css } from "./dom.js";
 import { after } from "./store.js";
 
@@ -26,6 +28,7 @@ function rangeOf(values, band, first, last) {
 }
 
 export class Plots {
+  /** @param {App} app @param {Timeline} timeline */
   constructor(app, timeline) {
     this.app = app;
     this.timeline = timeline;

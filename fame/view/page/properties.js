@@ -1,10 +1,13 @@
 // Properties: a lane for each in the timeline, with what is pending, how much is left, and where it was violated.
 
+/** @import {App} from "./main.js" */
+/** @import {Timeline} from "./timeline.js" */
 import { h, clock, cross, css, paint, show, trace } from "./dom.js";
 
 const HEIGHT = 26;
 
 export class Properties {
+  /** @param {App} app @param {Timeline} timeline */
   constructor(app, timeline) {
     this.app = app;
     this.timeline = timeline;

@@ -27,6 +27,7 @@ const byName = new Intl.Collator(undefined, { numeric: true });
 /** The states of robots that need somebody. */
 export const WANTED = new Set(["incident", "lost", "failed", "waiting"]);
 const SPOKEN = /task|callActivity|subProcess|transaction|adHoc/i;
+/** @type {[name: string, text: (value: number) => string][]} */
 const PROGRESS = [
   ["distance_remaining", (m) => `${m.toFixed(1)} m to go`],
   ["number_of_poses_remaining", (n) => `${n} places to go`],

@@ -1,19 +1,40 @@
 // Which signal of one robot woke which token of another: arrows of the timeline.
 
+/**
+ * @import {Block, LoadedBlock} from "./store.js"
+ * @import {Mission} from "./types.js"
+ *
+ * @typedef {{from: number, until: number, sender: number, receiver: number, topic: string}} Arrow
+ * @typedef {[time: number, r: number, topic: string, thrown: boolean]} Signal
+ */
 import { LEAVE } from "./store.js";
 
 const LATEST = 5e9; // ns between a throw and the catch that it is the cause of
 
-/** A topic as one robot means it: `~/x` is its own. */
+/**
+ * A topic as one robot means it: `~/x` is its own.
+ *
+ * @param {string} topic @param {string | undefined} robot
+ */
 const full = (topic, robot) => (topic.startsWith("~/") ? `/${robot}/${topic.slice(2)}` : topic);
 
-/** Whether a block has events that `signalsOf` has not seen. */
+/**
+ * Whether a block has events that `signalsOf` has not seen.
+ *
+ * @param {LoadedBlock} block
+ */
 export const signalsAreNew = (block) => block.signals?.length !== block.columns.t.length;
 
-/** The throws and catches in a block: [time, robot, topic, thrown]. */
+/**
+ * The throws and catches in a block: [time, robot, topic, thrown].
+ *
+ * @param {LoadedBlock} block @param {Mission} mission
+ * @returns {Signal[]}
+ */
 export function signalsOf(block, mission) {
   if (!signalsAreNew(block)) return block.signals.found;
   const { t, r, e, w } = block.columns;
+  /** @type {Signal[]} */
   const found = [];
   for (let at = 0; at < t.length; at += 1) {
     if (w[at] !== LEAVE) continue;
@@ -26,9 +47,15 @@ export function signalsOf(block, mission) {
   return found;
 }
 
-/** Arrows from the last throw on a topic to each catch of it by another robot. */
+/**
+ * Arrows from the last throw on a topic to each catch of it by another robot.
+ *
+ * @param {Block[]} blocks @param {Mission} mission
+ */
 export function link(blocks, mission) {
+  /** @type {Map<string, {time: number, robot: number, received: Set<number>}>} */
   const last = new Map();
+  /** @type {Arrow[]} */
   const arrows = [];
   for (const { data } of blocks) {
     if (!data) continue;

@@ -1,7 +1,8 @@
 // Taking a robot over: its mission is suspended, keys and a pad steer the robot, then the mission continues. The dead
 // man is in the robot.
 
-import { h, icon, renew } from "./dom.js";
+/** @import {App} from "./main.js" */
+import { byId, h, icon, renew, messageOf } from "./dom.js";
 import { drawn, nameOf } from "./roster.js";
 
 const PERIOD = 100; // ms between two commands
@@ -21,9 +22,11 @@ const NARROW = matchMedia("(max-width: 1100px)");
 const clamp = (value) => Math.max(-1, Math.min(1, value));
 
 export class Steer {
+  /** @param {HTMLElement} root @param {App} app */
   constructor(root, app) {
     this.root = root;
     this.app = app;
+    /** @type {{r: number, lease: string, steers: boolean} | null} */
     this.held = null; // {r, lease, steers}
     this.pressed = new Set();
     this.pad = [0, 0]; // ahead, to the left
@@ -41,7 +44,7 @@ export class Steer {
     if (!answer) return;
     this.held = { r, lease, steers: answer.steers };
     this.rest();
-    if (NARROW.matches && !document.getElementById("world").classList.contains("absent")) this.app.tabs.choose("map");
+    if (NARROW.matches && !byId("world").classList.contains("absent")) this.app.tabs.choose("map");
     this.app.select({ robot: r });
     this.open();
     this.keep(this.held);
@@ -60,8 +63,9 @@ export class Steer {
   }
 
   async post(act, more) {
-    const { r, lease } = this.held;
-    const held = this.held;
+    const { held } = this;
+    if (held === null) return;
+    const { r, lease } = held;
     const flight = this.app.post({ do: act, robot: this.app.mission.robots[r].name, lease, ...more });
     this.flights.add(flight);
     try {
@@ -70,7 +74,7 @@ export class Steer {
       if (this.held !== held) return;
       this.close();
       this.app.toast(
-        `${this.app.mission.robots[r].name} has stopped, its mission is suspended: ${error.message}`,
+        `${this.app.mission.robots[r].name} has stopped, its mission is suspended: ${messageOf(error)}`,
         true,
       );
     } finally {
@@ -132,6 +136,7 @@ export class Steer {
   // ---- the panel ---------------------------------------------------------------------------------
 
   open() {
+    if (this.held === null) return;
     const { steers, r } = this.held;
     const { name } = this.app.mission.robots[r];
     const pad = this.drive();
@@ -199,7 +204,7 @@ export class Steer {
 
   /** The activities that can be restarted, skipped or failed: those that the diagram shows. */
   update(state) {
-    if (!this.held || !state) return;
+    if (this.held === null || !state) return;
     const { r } = this.held;
     const waits = [...(state.waits.get(r)?.values() ?? [])];
     const places = [...new Set(waits.map((wait) => drawn(this.app, state.openers(r, wait.scope), wait.e)))].filter(
@@ -213,6 +218,7 @@ export class Steer {
 
   /** Let the mission continue, or let go of the robot. */
   async end(act) {
+    if (this.held === null) return;
     const { r, lease } = this.held;
     const element = this.place.value;
     const send = (name, more) => this.app.acts.send(r, name, { lease, ...more });

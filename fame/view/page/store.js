@@ -1,5 +1,44 @@
 // What is known of the run: blocks, and the state at any instant. Mirrors fame/view/blocks.py and state.py.
 
+/**
+ * @import {BlockData, Changes, Columns, IndexRow, Key, MessageRow, ScopeRow, Wait} from "./types.js"
+ * @import {VariablesRow, WaitsRow} from "./types.js"
+ *
+ * @typedef {{r: number, i: number, s: number, e: number, n: number, since: number}} Token
+ * @typedef {{r: number, s: number, i: number, parent: number, opener: number, depth: number}} Scope
+ * @typedef {{r: number, i: number, s: number, e: number, from: number, until: number, how: number, depth: number}} Span
+ *
+ * @typedef {object} Loaded what is loaded of a block
+ * @property {number} number
+ * @property {number} start
+ * @property {number} end
+ * @property {Key} key
+ * @property {Columns} columns
+ * @property {Map<number, any>} details of events, by their place
+ * @property {ScopeRow[]} scopes
+ * @property {Map<string, Scope>} scopeIndex by key of the scope
+ * @property {Set<string>} held keys of the tokens at its start
+ * @property {number} [until]
+ * @property {Span[] | null} [spans] kept by `spansOf`
+ * @property {number} [settled] events for which the timeline has rows
+ * @property {{taken: number, rows: Map<string, MessageRow[]>}} [topics] kept by `byTopic`
+ * @property {any} [signals] kept by `signals.js`
+ * @property {any} [density] kept by `axis.js`
+ * @property {number[]} [marks] kept by `bars.js`
+ * @property {number} [marksLength]
+ *
+ * @typedef {Loaded & Changes} LoadedBlock
+ *
+ * @typedef {object} Block
+ * @property {number} number
+ * @property {number} start
+ * @property {number} end
+ * @property {number} events
+ * @property {LoadedBlock | null} data
+ * @property {Promise<Block | undefined> | null} loading
+ * @property {any} [ways] kept by `world.js`
+ */
+
 export const START = 0;
 export const ENTER = 1;
 export const LEAVE = 2;
@@ -10,11 +49,20 @@ export const END = 6;
 export const LOG = 7;
 export const REPORT = 8;
 export const ANSWER = 9;
+/** @type {(keyof Columns)[]} */
 const COLUMNS = ["t", "r", "i", "s", "e", "w"];
+/** @type {(keyof Changes)[]} */
 const LISTS = ["variables", "waits", "messages", "poses", "world", "properties"];
 
-/** The first index whose value is above `time`. */
-export function after(values, time, of = (value) => value) {
+/**
+ * The first index whose value is above `time`.
+ *
+ * @template T
+ * @param {T[]} values @param {number} time
+ * @param {(value: T) => number} [of] the number that an entry is ordered by
+ * @returns {number}
+ */
+export function after(values, time, of = Number) {
   let low = 0;
   let high = values.length;
   while (low < high) {
@@ -25,35 +73,62 @@ export function after(values, time, of = (value) => value) {
   return low;
 }
 
-/** A scope as the page keeps it, from its row. */
+/**
+ * A scope as the page keeps it, from its row.
+ *
+ * @param {ScopeRow} row
+ * @returns {[string, Scope]}
+ */
 const scopeFrom = ([r, s, i, parent, opener, depth]) => [`${r}/${s}`, { r, s, i, parent, opener, depth }];
 
-/** Where a token is, as a key. */
+/**
+ * Where a token is, as a key.
+ *
+ * @param {number} r @param {number} i @param {number} s @param {number} e
+ * @returns {string}
+ */
 export const tokenKey = (r, i, s, e) => `${r}/${i}/${s}/${e}`;
 
-/** Whether a token is this one, of whose scope the path alone is known. */
+/**
+ * Whether a token is this one, of whose scope the path alone is known.
+ *
+ * @param {Token | Span} token @param {number} r @param {number} i @param {number} e
+ */
 const isByPath = (token, r, i, e) => token.s < -1 && token.r === r && token.i === i && token.e === e;
 
 const ELEMENTS = 2 ** 20; // more than there are elements
 
+/** @param {number} r @param {number} e */
 const countKey = (r, e) => r * ELEMENTS + e;
 
-/** Robot and element of a key of `State.counts`. */
+/**
+ * Robot and element of a key of `State.counts`.
+ *
+ * @param {number} key
+ * @returns {[r: number, e: number]}
+ */
 export const counted = (key) => [Math.floor(key / ELEMENTS), key % ELEMENTS];
 
 /** The state of a run at an instant. `apply` moves it forward within its block. */
 export class State {
+  /** @param {LoadedBlock} block */
   constructor(block) {
     this.block = block;
+    this.time = -Infinity;
     this.position = 0; // events that are applied
     this.at = Object.fromEntries(LISTS.map((name) => [name, 0]));
     const key = block.key;
+    /** @type {Map<string, Token>} */
     this.tokens = new Map();
+    /** @type {Map<number, number[]>} */
     this.counts = new Map();
     this.scopes = new Map(key.scopes.map(scopeFrom));
+    /** @type {Map<string, {r: number, s: number, values: Map<string, [value: any, since: number]>}>} */
     this.variables = new Map();
+    /** @type {Map<number, Map<string, Wait>>} */
     this.waits = new Map(key.waits.map(([r, tokens]) => [r, new Map(tokens.map((token) => [token.key, token]))]));
     // robot -> [ended, failed, how and when the last one ended]
+    /** @type {Map<number, [ended: number, failed: number, how: string, time: number]>} */
     this.ends = new Map((key.ends ?? []).map(([r, ...ends]) => [r, ends]));
     this.poses = new Map(key.poses);
     this.world = new Map(Object.entries(key.world));
@@ -65,6 +140,7 @@ export class State {
     }
   }
 
+  /** @param {number} r @param {number} e @param {number} outcome @param {number} [by] */
   count(r, e, outcome, by = 1) {
     const key = countKey(r, e);
     let counts = this.counts.get(key);
@@ -72,7 +148,11 @@ export class State {
     counts[outcome] += by;
   }
 
-  /** Apply everything of the block until `time`. */
+  /**
+   * Apply everything of the block until `time`.
+   *
+   * @param {number} time
+   */
   apply(time) {
     const { t, r, i, s, e, w } = this.block.columns;
     const end = t.length;
@@ -89,6 +169,10 @@ export class State {
     this.time = time;
   }
 
+  /**
+   * @template {keyof Changes} N
+   * @param {N} name @param {number} time @param {(row: Changes[N][number]) => void} change
+   */
   list(name, time, change) {
     const rows = this.block[name];
     let at = this.at[name];
@@ -96,6 +180,10 @@ export class State {
     this.at[name] = at;
   }
 
+  /**
+   * @param {number} time @param {number} r @param {number} i @param {number} s @param {number} e
+   * @param {number} w
+   */
   event(time, r, i, s, e, w) {
     if (w > END || w === START) return;
     if (w === TAKE) {
@@ -121,6 +209,7 @@ export class State {
     this.count(r, e, w === LEAVE ? 0 : w === FAIL ? 1 : 2);
   }
 
+  /** @param {number} r @param {number} i */
   ended(r, i) {
     for (const [key, token] of this.tokens) {
       if (token.r === r && token.i === i) {
@@ -130,11 +219,13 @@ export class State {
     }
   }
 
+  /** @param {number} r @param {string} status @param {number} time */
   end(r, status, time) {
     const [ended, failed] = this.ends.get(r) ?? [0, 0];
     this.ends.set(r, [ended + 1, failed + (status === "failed" ? 1 : 0), status, time]);
   }
 
+  /** @param {VariablesRow} row */
   variable([time, r, s, values, gone]) {
     const key = `${r}/${s}`;
     if (values === null) {
@@ -147,19 +238,30 @@ export class State {
     for (const name of gone) known.values.delete(name);
   }
 
+  /** @param {WaitsRow} row */
   wait([, r, tokens, gone]) {
-    if (!this.waits.has(r)) this.waits.set(r, new Map());
-    const known = this.waits.get(r);
+    const known = this.waits.get(r) ?? new Map();
+    this.waits.set(r, known);
     for (const key of gone) known.delete(key);
     for (const token of tokens) known.set(token.key, token);
   }
 
-  /** What is known of a scope. Scopes are kept for the whole block. */
+  /**
+   * What is known of a scope. Scopes are kept for the whole block.
+   *
+   * @param {number} r @param {number} s
+   * @returns {Scope | undefined}
+   */
   scopeOf(r, s) {
     return this.scopes.get(`${r}/${s}`) ?? this.block.scopeIndex.get(`${r}/${s}`);
   }
 
-  /** The variables that are visible in a scope: [name, value], the innermost first. */
+  /**
+   * The variables that are visible in a scope: [name, value], the innermost first.
+   *
+   * @param {number} r @param {number} s
+   * @returns {Generator<[string, any]>}
+   */
   *visible(r, s) {
     for (let at = s, left = 64; at !== -1 && left > 0; left -= 1) {
       for (const [name, [value]] of this.variables.get(`${r}/${at}`)?.values ?? []) yield [name, value];
@@ -167,13 +269,22 @@ export class State {
     }
   }
 
-  /** The value of a variable that is visible in a scope. */
+  /**
+   * The value of a variable that is visible in a scope.
+   *
+   * @param {number} r @param {number} s @param {string} wanted
+   */
   valueOf(r, s, wanted) {
     for (const [name, value] of this.visible(r, s)) if (name === wanted) return value;
     return undefined;
   }
 
-  /** The call activities and sub-processes around a scope, outermost first. */
+  /**
+   * The call activities and sub-processes around a scope, outermost first.
+   *
+   * @param {number} r @param {number} s
+   * @returns {number[]} elements
+   */
   openers(r, s) {
     const found = [];
     for (let scope = this.scopeOf(r, s), left = 64; scope !== undefined && left > 0; left -= 1) {
@@ -189,15 +300,25 @@ export class State {
  * made for an instant.
  */
 export class Store {
+  /**
+   * @param {(number: number) => Promise<BlockData>} load
+   * @param {((time: number) => Promise<BlockData>) | null} peek gives a block around an instant that the server has not
+   *   read yet
+   */
   constructor(load, peek = null) {
     this.load = load;
     this.peek = peek; // gives a block around an instant that the server has not read yet
     this.complete = true; // whether it has read everything
+    /** @type {LoadedBlock | null} */
     this.ahead = null; // the last such block, its state, and whether one is on its way
+    /** @type {State | null} */
     this.aheadState = null;
     this.peeking = false;
-    this.blocks = []; // {number, start, end, events, data or null, loading}
+    /** @type {Block[]} */
+    this.blocks = [];
+    /** @type {Set<(number: number) => void>} */
     this.listeners = new Set();
+    /** @type {State | null} */
     this.cursor = null;
     this.end = 0;
     this.version = 0; // of what is loaded
@@ -209,15 +330,21 @@ export class Store {
     return this.blocks[0]?.start ?? 0;
   }
 
+  /** @param {(number: number) => void} listener */
   onchange(listener) {
     this.listeners.add(listener);
   }
 
+  /** @param {number} number */
   changed(number) {
     for (const listener of this.listeners) listener(number);
   }
 
-  /** The blocks that there are; those already loaded are kept. */
+  /**
+   * The blocks that there are; those already loaded are kept.
+   *
+   * @param {IndexRow[]} rows @param {number} end
+   */
   index(rows, end) {
     for (const [number, start, stop, events] of rows) {
       const known = this.blocks[number];
@@ -227,12 +354,20 @@ export class Store {
     this.end = Math.max(this.end, end);
   }
 
-  /** The number of the block that an instant is in. */
+  /**
+   * The number of the block that an instant is in.
+   *
+   * @param {number} time
+   */
   numberAt(time) {
     return Math.max(0, after(this.blocks, time, (block) => block.start) - 1);
   }
 
-  /** Take a block, or what is new in one. */
+  /**
+   * Take a block, or what is new in one.
+   *
+   * @param {BlockData} data
+   */
   add(data) {
     const known = (this.blocks[data.number] ??= {
       number: data.number,
@@ -260,7 +395,12 @@ export class Store {
     this.said += data.messages.length;
   }
 
-  /** Load a block if it is not there. */
+  /**
+   * Load a block if it is not there.
+   *
+   * @param {number} number
+   * @returns {Promise<Block | undefined>}
+   */
   want(number) {
     const block = this.blocks[number];
     if (block === undefined || block.data !== null) return Promise.resolve(block);
@@ -276,28 +416,45 @@ export class Store {
     return block.loading;
   }
 
-  /** The last message on a topic until an instant, or null. */
+  /**
+   * The last message on a topic until an instant, or null.
+   *
+   * @param {string} topic @param {number} time
+   * @returns {MessageRow | null}
+   */
   lastMessage(topic, time) {
     for (let number = this.numberAt(time); number >= 0; number -= 1) {
       const rows = byTopic(this.blocks[number]?.data).get(topic);
       const at = rows === undefined ? 0 : after(rows, time, ([t]) => t);
-      if (at > 0) return rows[at - 1];
+      if (rows !== undefined && at > 0) return rows[at - 1];
     }
     return null;
   }
 
-  /** Whether the server has not read as far as an instant, but can make a block for it. */
+  /**
+   * Whether the server has not read as far as an instant, but can make a block for it.
+   *
+   * @param {number} time
+   */
   isAhead(time) {
     return !this.complete && this.peek !== null && time > (this.blocks.at(-1)?.end ?? -1);
   }
 
-  /** Load what an instant needs, without waiting for the next frame. */
+  /**
+   * Load what an instant needs, without waiting for the next frame.
+   *
+   * @param {number} time
+   */
   ask(time) {
     if (this.isAhead(time)) this.askAhead(time);
     else this.want(this.numberAt(time));
   }
 
-  /** The state at an instant, or null while its block is being loaded. The same object is given again if it fits. */
+  /**
+   * The state at an instant, or null while its block is being loaded. The same object is given again if it fits.
+   *
+   * @param {number} time
+   */
   stateAt(time) {
     if (this.isAhead(time)) return this.stateAhead(time);
     const number = this.numberAt(time);
@@ -313,30 +470,37 @@ export class Store {
     return this.cursor;
   }
 
-  /** The state at an instant that the server has not read yet; null while it makes a block for it. */
+  /**
+   * The state at an instant that the server has not read yet; null while it makes a block for it.
+   *
+   * @param {number} time
+   */
   stateAhead(time) {
     const { ahead } = this;
-    if (!this.hasAhead(time)) {
+    if (ahead === null || !this.hasAhead(time)) {
       this.askAhead(time);
       return null;
     }
-    if (this.aheadState?.block !== ahead || this.aheadState.time > time) this.aheadState = new State(ahead);
+    if (this.aheadState === null || this.aheadState.block !== ahead || this.aheadState.time > time)
+      this.aheadState = new State(ahead);
     this.aheadState.apply(time);
     return this.aheadState;
   }
 
+  /** @param {number} time */
   hasAhead(time) {
-    return this.ahead !== null && this.ahead.start <= time && time <= this.ahead.until;
+    return this.ahead !== null && this.ahead.start <= time && time <= (this.ahead.until ?? -Infinity);
   }
 
+  /** @param {number} time */
   askAhead(time) {
-    if (this.peeking || this.hasAhead(time)) return; // one at a time: what is wanted meanwhile is asked for afterwards
+    // one at a time: what is wanted meanwhile is asked for afterwards
+    if (this.peek === null || this.peeking || this.hasAhead(time)) return;
     this.peeking = true;
     this.peek(time)
       .then(
         (data) => {
-          this.ahead = prepared(data);
-          this.ahead.until = data.until;
+          this.ahead = { ...prepared(data), until: data.until };
         },
         () => {
           this.peek = null;
@@ -348,7 +512,11 @@ export class Store {
       });
   }
 
-  /** Loaded blocks that overlap a span of time. */
+  /**
+   * Loaded blocks that overlap a span of time.
+   *
+   * @param {number} from @param {number} until
+   */
   *within(from, until) {
     for (let number = this.numberAt(from); number < this.blocks.length; number += 1) {
       const block = this.blocks[number];
@@ -357,7 +525,12 @@ export class Store {
     }
   }
 
-  /** The time of the next or previous event from an instant on (`step` 1 or -1) for which `wanted` holds, or null. */
+  /**
+   * The time of the next or previous event from an instant on (`step` 1 or -1) for which `wanted` holds, or null.
+   *
+   * @param {number} time @param {1 | -1} step @param {(data: LoadedBlock, at: number) => boolean} wanted
+   * @returns {Promise<number | null>}
+   */
   async find(time, step, wanted) {
     for (let number = this.numberAt(time); number >= 0 && number < this.blocks.length; number += step) {
       const { data } = (await this.want(number)) ?? {};
@@ -372,7 +545,12 @@ export class Store {
 
 const NONE = new Map();
 
-/** The messages of a block, by topic. */
+/**
+ * The messages of a block, by topic.
+ *
+ * @param {LoadedBlock | null | undefined} block
+ * @returns {Map<string, MessageRow[]>}
+ */
 function byTopic(block) {
   if (!block) return NONE;
   const known = (block.topics ??= { taken: 0, rows: new Map() });
@@ -385,32 +563,46 @@ function byTopic(block) {
   return known.rows;
 }
 
+/**
+ * @param {BlockData} data
+ * @returns {LoadedBlock}
+ */
 function prepared(data) {
+  const { number, start, end, key, variables, waits, messages, poses, world, properties } = data;
+  const { t, r, i, s, e, w } = data;
+  if (key === undefined) throw new Error(`block ${number} has no state at its start`);
   const block = {
-    number: data.number,
-    start: data.start,
-    end: data.end,
-    key: data.key,
+    number,
+    start,
+    end,
+    key,
     details: new Map(),
-    scopeIndex: new Map(data.key.scopes.map(scopeFrom)),
+    scopes: [],
+    scopeIndex: new Map(key.scopes.map(scopeFrom)),
+    held: new Set(key.tokens.map(([robot, instance, scope, element]) => tokenKey(robot, instance, scope, element))),
+    columns: { t, r, i, s, e, w }, // not copied: `extend` adds nothing that is there
+    ...{ variables, waits, messages, poses, world, properties },
   };
-  block.held = new Set(data.key.tokens.map(([r, i, s, e]) => tokenKey(r, i, s, e))); // where tokens are at its start
-  // not copied: `extend` adds nothing that is there
-  block.columns = Object.fromEntries(COLUMNS.map((name) => [name, data[name]]));
-  for (const name of LISTS) block[name] = data[name];
-  block.scopes = [];
   extend(block, data);
   return block;
 }
 
-/** Add what is new. False if something between is missing: then the block has to be loaded again. */
+/**
+ * Add what is new. False if something between is missing: then the block has to be loaded again.
+ *
+ * @param {LoadedBlock} block @param {BlockData} data
+ * @returns {boolean}
+ */
 function extend(block, data) {
   const skip = block.columns.t.length - data.first;
   if (skip < 0 || LISTS.some((name) => block[name].length < data.at[name]) || block.scopes.length < data.at.scopes)
     return false;
   for (const name of COLUMNS) for (const value of data[name].slice(skip)) block.columns[name].push(value);
-  for (const name of LISTS)
-    for (const row of data[name].slice(block[name].length - data.at[name])) block[name].push(row);
+  for (const name of LISTS) {
+    /** @type {any[]} */
+    const list = block[name];
+    for (const row of data[name].slice(list.length - data.at[name])) list.push(row);
+  }
   for (const [at, detail] of Object.entries(data.d)) block.details.set(Number(at), detail);
   for (const row of data.scopes.slice(block.scopes.length - data.at.scopes)) {
     block.scopes.push(row);
@@ -423,9 +615,12 @@ function extend(block, data) {
 
 /** Follows the tokens of a block from event to event. */
 class Spans {
+  /** @param {LoadedBlock} block */
   constructor(block) {
     this.block = block;
+    /** @type {Span[]} */
     this.found = [];
+    /** @type {Map<string, Span[]>} */
     this.open = new Map(); // by key of the token, the oldest first
     for (const [r, i, s, e, n, since] of block.key.tokens)
       for (let count = 0; count < n; count += 1) this.begin(r, i, s, e, since);
@@ -438,15 +633,21 @@ class Spans {
     }
   }
 
+  /** @param {number} r @param {number} i @param {number} s @param {number} e @param {number} t */
   begin(r, i, s, e, t) {
     const depth = this.block.scopeIndex.get(`${r}/${s}`)?.depth ?? 0;
     const span = { r, i, s, e, from: t, until: Infinity, how: -1, depth };
     const key = tokenKey(r, i, s, e);
     this.found.push(span);
-    if (this.open.has(key)) this.open.get(key).push(span);
-    else this.open.set(key, [span]);
+    const held = this.open.get(key);
+    if (held === undefined) this.open.set(key, [span]);
+    else held.push(span);
   }
 
+  /**
+   * @param {number} r @param {number} i @param {number} s @param {number} e @param {number} t
+   * @param {number} how
+   */
   finish(r, i, s, e, t, how) {
     const span =
       this.open.get(tokenKey(r, i, s, e))?.shift() ??
@@ -454,7 +655,11 @@ class Spans {
     if (span !== undefined) Object.assign(span, { until: t, how });
   }
 
-  /** An instance has ended, and with it whatever it still did. */
+  /**
+   * An instance has ended, and with it whatever it still did.
+   *
+   * @param {number} r @param {number} i @param {number} t
+   */
   cancel(r, i, t) {
     for (const held of this.open.values()) {
       if (held[0]?.r !== r || held[0].i !== i) continue;
@@ -464,7 +669,12 @@ class Spans {
   }
 }
 
-/** The executions in a block: bars of the timeline. Each is clipped to the block but knows when it began. */
+/**
+ * The executions in a block: bars of the timeline. Each is clipped to the block but knows when it began.
+ *
+ * @param {LoadedBlock} block
+ * @returns {Span[]}
+ */
 export function spansOf(block) {
   block.spans ??= new Spans(block).found;
   return block.spans;

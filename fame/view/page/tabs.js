@@ -1,8 +1,11 @@
 // What the page shows: the team and what people have to do, or the mission in detail. On phones and tablets one panel
 // at a time.
 
+/** @import {App} from "./main.js" */
+/** @import {Picture} from "./dom.js" */
 import { h, icon } from "./dom.js";
 
+/** @type {[name: string, text: string, picture: Picture][]} */
 const TABS = [
   ["team", "Team", "team"],
   ["needs", "Needs you", "person"],
@@ -15,6 +18,7 @@ const TOGETHER = { team: ["team", "needs", "map"], diagram: ["diagram", "map", "
 const GROUP = { team: "team", needs: "team", map: "diagram", diagram: "diagram", log: "diagram" };
 
 export class Tabs {
+  /** @param {HTMLElement} root @param {App} app */
   constructor(root, app) {
     this.app = app;
     this.root = root;

@@ -121,7 +121,11 @@ export class Team {
     return known.row;
   }
 
-  /** The cells of a row, each as a text that says whether it differs, and what makes its content. */
+  /**
+   * The cells of a row, each as a text that says whether it differs, and what makes its content.
+   *
+   * @returns {[differs: string, content: () => any][]}
+   */
   cells(row, time) {
     const { app } = this;
     const [open] = row.open;

@@ -1,5 +1,6 @@
 // The timeline: a lane per robot with its elements as bars, signals as arrows between lanes, plots, and the cursor.
 
+/** @import {App} from "./main.js" */
 import { h, clock, duration, isDark, sharp, show, swatch } from "./dom.js";
 import { CANCEL, FAIL, LEAVE } from "./store.js";
 import { Axis } from "./axis.js";
@@ -24,6 +25,17 @@ const HOW = new Map([
 const lines = (title, ...texts) => [h("b", null, title), texts.map((text) => h("span", null, text))];
 
 export class Timeline {
+  layerKey = ""; // what the picture was painted for
+  layerVersion = "";
+  layerPause = 0; // until when it is not painted anew only because more is loaded (ms)
+  paintCost = 0; // ms
+  /** @type {Generator<unknown, void> | null} */
+  painting = null; // what has been painted of it
+  /** @type {any[]} */
+  captions = [];
+  pressed = [0, 0]; // where the pointer was, px
+
+  /** @param {HTMLElement} root @param {App} app */
   constructor(root, app) {
     this.app = app;
     this.from = 0;
@@ -39,13 +51,11 @@ export class Timeline {
     this.transport = new Transport(root, this);
     this.axis = new Axis(this);
     this.bars = new Bars(this);
+    /** @type {import("./bars.js").Hit[]} */
     this.hits = []; // of the picture that is shown
     this.build(root);
     this.properties = new Properties(app, this);
     this.layer = document.createElement("canvas");
-    this.layerKey = "";
-    this.layerPause = 0;
-    this.painting = null; // what has been painted of it
     this.listen();
     new ResizeObserver(() => {
       Object.assign(this.size, { width: this.box.clientWidth, height: this.scroller.clientHeight });
@@ -125,7 +135,7 @@ export class Timeline {
     }
     for (const block of store.within(this.from, this.until)) if (block.data) this.rows.settle(block.data);
     const lanes = this.rows.of(mission.robots.length, this.levels);
-    const under = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0;
+    const under = lanes.reduce((sum, lane) => sum + lane.height, 0);
     const plotsTop = under + this.properties.height;
     this.spacer.style.height = `${plotsTop + this.plots.height}px`;
     this.label(lanes, plotsTop);
@@ -168,7 +178,7 @@ export class Timeline {
     const { state } = this.app;
     this.shown = time;
     if (state !== null)
-      (this.captions ?? []).forEach((caption, r) => {
+      this.captions.forEach((caption, r) => {
         const text = doing(this.app, state, r);
         if (caption.textContent !== text) caption.textContent = text;
       });
@@ -290,13 +300,12 @@ export class Timeline {
     context.translate(0, -scroll);
     bars.drawLanes(context, lanes, scroll, height);
     for (const block of store.within(this.from, this.until)) {
-      if (block.data) bars.drawSpans(context, block, lanes);
+      if (block.data) bars.drawSpans(context, block, block.data, lanes);
       else bars.drawMissing(context, block, plotsTop);
       yield;
     }
-    for (const { data } of store.blocks.filter((block) => block.data && signalsAreNew(block.data))) {
-      signalsOf(data, this.app.mission);
-      yield;
+    for (const { data } of store.blocks) {
+      if (data && signalsAreNew(data)) yield signalsOf(data, this.app.mission);
     }
     bars.drawArrows(context, lanes);
     yield;
@@ -382,7 +391,7 @@ export class Timeline {
   hover(event) {
     const hit = this.hit(event);
     this.tip.hidden = hit === null || event.buttons > 0;
-    if (this.tip.hidden) return;
+    if (hit === null || this.tip.hidden) return;
     show(this.tip, this.describe(hit));
     const box = this.box.getBoundingClientRect();
     const wide = this.tip.offsetWidth;
@@ -390,7 +399,11 @@ export class Timeline {
     this.tip.style.top = `${event.clientY - box.top - this.tip.offsetHeight - 10}px`;
   }
 
-  /** What the tooltip says: a title and lines. */
+  /**
+   * What the tooltip says: a title and lines.
+   *
+   * @param {import("./bars.js").Hit} hit
+   */
   describe({ span, arrow, mark, property, alarm }) {
     const { elements, robots } = this.app.mission;
     if (property) return this.properties.tip(...property);
@@ -406,6 +419,7 @@ export class Timeline {
       const who = `${robots[arrow.sender].name} → ${robots[arrow.receiver].name}`;
       return lines(arrow.topic, who, `${clock(arrow.from)}${later}`);
     }
+    if (!mark) return [];
     const [data, at] = mark;
     const { name, id } = elements[data.columns.e[at]] ?? {};
     return lines(name || id || "Report", String(data.details.get(at) ?? "failed"), clock(data.columns.t[at]));

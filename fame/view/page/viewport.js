@@ -16,6 +16,7 @@ export class Viewport {
     this.width = this.height = 1;
     this.x = this.y = 0;
     this.scale = 1;
+    /** @type {any} */
     this.target = {}; // what is shown, until somebody moves it
     this.moved = false; // whether the last press was a drag
     this.pointers = new Map();

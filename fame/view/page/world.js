@@ -1,6 +1,12 @@
 // The world from above, as in FAME's pictures: ground, obstacles, weeds, chargers, robots with their sensors and
 // trails.
 
+/** @import {App} from "./main.js" */
+/**
+ * @import {Point} from "./types.js"
+ *
+ * @typedef {[time: number, x: number, y: number]} Place of a robot
+ */
 import { h, icon, isDark, paint, robotColour, css, sharp, trace } from "./dom.js";
 import { Viewport } from "./viewport.js";
 import { overlap } from "./names.js";
@@ -74,6 +80,7 @@ const box = (x, y, length, width) =>
     [-1, -1],
     [1, -1],
   ].map(([a, b]) => [x + (a * length) / 2, y + (b * width) / 2]);
+/** @param {number[]} place @param {number} radius */
 const disc = ([x, y], radius) =>
   Array.from({ length: 24 }, (_, step) => [
     x + radius * Math.cos((TAU * step) / 24),
@@ -163,22 +170,28 @@ function limb(outline, { limb: joints = [], jaws = -1 }) {
 /** Ranks of labels: names of robots, what they do, names of things. */
 const [NAME, TASK, THING] = [0, 1, 2];
 const ASIDE = [0, 1.1, -1.1, 2.2, -2.2, 3.3, -3.3];
+/** @type {[reach: number, part: string][]} */
 const GLOW = [
   [2.2, "3c"],
   [1.4, "6e"],
 ]; // of a lamp: how far it reaches, and how dense that is
 const SYMBOLS = { drone, tractor, mh5: arm, ur5e: arm };
 
-/** Whether a robot was put from one place to the next: [ns, x, y] each. */
+/**
+ * Whether a robot was put from one place to the next: [ns, x, y] each.
+ *
+ * @param {Place} before @param {Place} place
+ */
 const isPut = ([t0, x0, y0], [t, x, y]) =>
   t < t0 || Math.hypot(x - x0, y - y0) > Math.max(LEAP, (FASTEST * (t - t0)) / 1e9);
 
 function roundLength(least) {
   const power = 10 ** Math.floor(Math.log10(least));
-  return [1, 2, 5, 10].map((times) => times * power).find((length) => length >= least * (1 - 1e-9));
+  return [1, 2, 5, 10].map((times) => times * power).find((length) => length >= least * (1 - 1e-9)) ?? least;
 }
 
 export class World {
+  /** @param {HTMLElement} root @param {App} app */
   constructor(root, app) {
     this.app = app;
     this.root = root;
@@ -194,6 +207,7 @@ export class World {
       app.redraw();
     });
     this.waysVersion = -1;
+    this.unit = 1; // of the view in a metre
     this.size = { width: 0, height: 0 };
     new ResizeObserver(([{ contentRect }]) => {
       this.size = contentRect;
@@ -412,6 +426,7 @@ export class World {
       for (; known.taken < rows.length; known.taken += 1) {
         const [t, r, pose] = rows[known.taken];
         const before = known.last.get(r);
+        /** @type {Place} */
         const place = [t, pose.x, pose.y];
         known.last.set(r, place);
         if (!known.by.has(r)) known.by.set(r, []);
@@ -496,6 +511,7 @@ export class World {
     const colour = robotColour(r);
     const ahead = Math.max(...outline.map(([x]) => x)) * growth;
     const led = LEDS[pose.led];
+    /** @type {Point} */
     const here = [pose.x, pose.y];
     const placed = (corners) => {
       const grown = corners.map(([x, y]) => [x * growth, y * growth]);
