@@ -3,7 +3,8 @@
 # make test-long   the tests marked long: missions as a whole, all seeds, all cases
 # make test-processes   the tests of teams in real processes: whole missions, killed, repaired, migrated, in lockstep
 # make test-browser     the tests of the page of `fame view`; needs chromium
-# make test-node        the tutorial in Camunda Modeler, and what its parts read; needs npm and chromium
+# make test-node        the page's modules by node's test runner; the tutorial in Camunda Modeler, and what its parts read;
+#                       needs npm and chromium
 # make torture    100,000 simulated teams under faults, each decided by its seed; TORTURE has other options (--seed N)
 # make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held
@@ -82,7 +83,7 @@ test-browser: $(VENV)/dev.installed
 	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "browser and not node" $(call tests_with,chromium) $(PYTEST)
 
 test-node: $(VENV)/dev.installed out/node/installed
-	$(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(call tests_with,node_modules) $(PYTEST)
+	$(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(call tests_with,node_modules) tests/test_page_units.py $(PYTEST)
 
 out/node/installed: Makefile
 	mkdir -p out/node
@@ -125,10 +126,11 @@ lint: $(VENV)/dev.installed
 		else echo "the page: NOT RUN: eslint, tsc and prettier are not installed ('make lint-page' does so, with npm)"; fi
 
 lint-page: $(PAGE)/node_modules/installed
-	$(PAGE)/node_modules/.bin/eslint --config $(PAGE)/eslint.config.js fame/view/page
+	$(PAGE)/node_modules/.bin/eslint --config $(PAGE)/eslint.config.js fame/view/page tests/page
 	$(PAGE)/node_modules/.bin/tsc --project $(PAGE)/tsconfig.json
 	$(PAGE)/node_modules/.bin/tsc --project $(PAGE)/tsconfig.typed.json
-	$(PAGE)/node_modules/.bin/prettier --log-level warn --config $(PAGE)/prettier.json --check 'fame/view/page/*.js' '$(PAGE)/*.js*'
+	$(PAGE)/node_modules/.bin/prettier --log-level warn --config $(PAGE)/prettier.json --check \
+		'fame/view/page/*.js' 'tests/page/*' '$(PAGE)/*.js*'
 
 $(PAGE)/node_modules/installed: $(PAGE)/package-lock.json
 	npm ci --silent --no-audit --no-fund --prefix $(PAGE)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from recorded_runs import record
+from run_states import run_state
 
 from fame.bpmn.reader import read
 from fame.log import Recording, logging_to
@@ -17,7 +18,7 @@ from fame.view import LiveRun, RunControl
 from fame.view.blocks import COLUMNS, Block, Packer
 from fame.view.catalogue import Catalogue
 from fame.view.replay import Replay
-from fame.view.state import CANCELLED, COMPLETED, END, FAILED, WHATS, RunState, ScopeInfo, TokenKey
+from fame.view.state import CANCELLED, COMPLETED, END, FAILED, WHATS, RunState, TokenKey
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MODELS = Path(__file__).parent.parent / "models"
@@ -31,14 +32,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def replayed(block: Block) -> RunState:
     """The state at the end of a block, from the block alone."""
-    state, key = RunState(), block.key
-    for *place, number, since in key["tokens"]:
-        state.tokens[TokenKey(*place)] = [number, since]
-    for robot, element, *counts in key["counts"]:
-        state.counts[robot, element] = list(counts)
-    for robot, scope, instance, parent, opener, depth in (*key["scopes"], *block.lists["scopes"]):
-        state.scopes[robot, scope] = ScopeInfo(instance, 0, parent, opener, depth)
-    state.ends = {robot: tuple(ends) for robot, *ends in key["ends"]}
+    state = run_state({**block.key, "scopes": (*block.key["scopes"], *block.lists["scopes"])})
     rows = zip(*(block.columns[name] for name in COLUMNS), strict=True)
     for at, (time, robot, instance, scope, element, what) in enumerate(rows):
         state.event(time, TokenKey(robot, instance, scope, element), what)

@@ -16,4 +16,5 @@ export default [
       eqeqeq: "error",
     },
   },
+  { files: ["tests/page/*.mjs"], languageOptions: { globals: globals.node } },
 ];

@@ -92,9 +92,9 @@ class RobotState:
             for change in data["changes"]:
                 self._change_scope(change)
         elif topic == WAITING:
-            self.tokens.update((token["key"], token) for token in data["tokens"])
             for key in data["gone"]:
                 self.tokens.pop(key, None)
+            self.tokens.update((token["key"], token) for token in data["tokens"])
 
     def visible(self, place: Mapping[str, Any]) -> dict[str, Any]:
         """Return the variables that an event or token sees (`scope`, `sees`): name -> value in the nearest scope."""

@@ -347,25 +347,21 @@ class Packer:
     def variables(self, time: int, robot: str, scope: int, values: Mapping[str, Any], gone: Iterable[str] = ()) -> None:
         """Add changed and removed variables of a scope."""
         number = self.robot(robot)
-        known = self.state.variables.setdefault((number, scope), {})
-        known.update((name, [value, time]) for name, value in values.items())
-        removed = [name for name in gone if known.pop(name, None) is not None]
+        removed = self.state.change_variables(time, number, scope, values, gone)
         self._block(time).lists["variables"].append([time, number, scope, dict(values), removed])
 
     def close_scope(self, time: int, robot: str, scope: int) -> None:
         """Remove the variables of a scope that has ended."""
         number = self.robot(robot)
-        if self.state.variables.pop((number, scope), None) is not None:
+        if (number, scope) in self.state.variables:
+            self.state.change_variables(time, number, scope, None)
             self._block(time).lists["variables"].append([time, number, scope, None, []])
 
     def waits(self, time: int, robot: str, tokens: Sequence[Mapping[str, Any]], gone: Sequence[str] = ()) -> None:
         """Add changes of what the tokens of a robot wait for."""
         number = self.robot(robot)
-        known = self.state.waits.setdefault(number, {})
-        for key in gone:
-            known.pop(key, None)
         shown = [{**token, "e": self._place(number, token)} for token in tokens]
-        known.update((token["key"], token) for token in shown)
+        self.state.change_waits(number, shown, gone)
         self._block(time).lists["waits"].append([time, number, shown, list(gone)])
 
     def message(self, time: int, topic: str, sender: str, content: Any) -> None:

@@ -1,12 +1,12 @@
 """The state of a run at an instant: tokens, counts, scopes, variables, waits. What happens changes it, event by event.
 
-The page changes its own in the same way (page/store.js).
+The page changes its own in the same way (page/store.js): both are tried with the cases of tests/page/state_cases.json.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from fame.dataclasses import dataclass, field, replace
@@ -107,6 +107,24 @@ class RunState:
             self.count(other.robot, other.element, CANCELLED, self.tokens.pop(other)[0])
         for place in [place for place, info in self.scopes.items() if (place[0], info.instance) == key[:2]]:
             del self.scopes[place]
+
+    def change_variables(
+        self, time: int, robot: int, scope: int, values: Mapping[str, Any] | None, unset: Iterable[str] = ()
+    ) -> list[str]:
+        """Set and unset variables of a scope, or close it (no `values`). Returns which of `unset` there were."""
+        if values is None:
+            self.variables.pop((robot, scope), None)
+            return []
+        known = self.variables.setdefault((robot, scope), {})
+        known.update((name, [value, time]) for name, value in values.items())
+        return [name for name in unset if known.pop(name, None) is not None]
+
+    def change_waits(self, robot: int, tokens: Iterable[Mapping[str, Any]], gone: Iterable[str]) -> None:
+        """Drop tokens that no longer wait (keys), then set those that wait."""
+        known = self.waits.setdefault(robot, {})
+        for key in gone:
+            known.pop(key, None)
+        known.update((token["key"], token) for token in tokens)
 
     def end(self, robot: int, status: str, time: int) -> None:
         """Note that an instance ended with a status."""
