@@ -398,6 +398,18 @@ def test_rows_go_to_a_database_by_line_protocol(tmp_path: Path) -> None:
     assert (len(server.lines), said, list(tmp_path.glob("spool*"))) == (3, [], [])
 
 
+def test_rows_without_a_date_are_of_the_day_of_their_recording(tmp_path: Path) -> None:
+    server = Server()
+    try:
+        sink = Influx(f"http://127.0.0.1:{server.port}/robots", tmp_path / "spool", "a", print, origin=17 * 10**17)
+        for each in (row(tmp_path, 5), row(tmp_path, 0)._replace(stamp=1.8e9)):
+            sink.put(each)
+        sink.close()
+    finally:
+        server.stop()
+    assert [line.split()[-1] for line in server.lines] == ["1700000000500000000", "1800000000000000000"]
+
+
 def test_nothing_is_lost_while_the_server_is_away(tmp_path: Path) -> None:
     server, said = Server(), list[str]()
     port = server.port

@@ -10,9 +10,10 @@ from itertools import chain, islice
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import time_ns
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
 from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, resolve
@@ -156,7 +157,9 @@ class RecordingNode(InputNode):
         if "://" in str(output):
             place = re.sub(r"\W+", "_", str(output).partition("://")[2])  # what waits for one must not go to another
             spool = configuration.folder / f".{configuration.name}_influx_{place}"
-            return Influx(str(output), spool, configuration.name, self.report.always)
+            live = isinstance(self.scheduler, WallScheduler)
+            origin = time_ns() - self.scheduler.now if live else 0
+            return Influx(str(output), spool, configuration.name, self.report.always, origin=origin)
         if path.suffix == ".csv":
             follower = self.follower if options.elements else None
             return CsvFile(path, ports, self.report, self._now, append=options.append, follower=follower)

@@ -283,11 +283,16 @@ class BagWriter:
             shutil.rmtree(self.path)
 
 
+_NO_DATE = 10 * 365.25 * 86400
+"""Stamps (s) that are less count from the beginning of something, not from 1970."""
+
+
 class Influx:
     """Writes rows to ``http://host:8086/database``. `spool` is the path without ending of its files.
 
     Of the lines, also those that an earlier process left, `sent` were taken and `refused` not; once it is closed,
-    `waiting` are on disk.
+    `waiting` are on disk. A stamp before 1980 is no date, but counts from `origin` (ns): messages without a stamp have
+    the time since the recording began.
     """
 
     sent: int
@@ -295,8 +300,10 @@ class Influx:
     waiting: int
 
     def __init__(
-        self, url: str, spool: Path, measurement: str, report: Callable[[str], object], pause: float = 1.0
-    ) -> None:
+        self, url: str, spool: Path, measurement: str, report: Callable[[str], object], *,
+        pause: float = 1.0, origin: int = 0,
+    ) -> None:  # fmt: skip
+        self._origin = origin
         parts = urllib.parse.urlsplit(url)
         database = parts.path.strip("/")
         if parts.scheme not in ("http", "https") or not _is_host(parts) or not database or "/" in database:
@@ -321,7 +328,8 @@ class Influx:
         fields = ",".join(
             f"{_escape(name)}={value!r}" for name, value in zip(columns_of(row), cells_of(row), strict=True)
         )
-        self._pending.append(f"{self._measurement} {fields},run={row.run}i {round(row.stamp * 1e9)}\n")
+        time = round(row.stamp * 1e9) + (self._origin if row.stamp < _NO_DATE else 0)
+        self._pending.append(f"{self._measurement} {fields},run={row.run}i {time}\n")
 
     def flush(self) -> None:
         """Put what is complete on disk, and let it be sent."""
