@@ -127,11 +127,13 @@ def test_the_launch_file_has_the_published_arguments_and_starts_what_there_is(ca
     assert {arg.get("name") for arg in root.findall("arg")} == {"mode_arg", "other_args", "pkg_name", "file_name"}
     modes = {group.get("if").split("-")[1].split("\\")[0]: group[0] for group in root.findall("group")}
     assert list(modes) == ["collect", "learn", "train", "operate"]
+    for started in modes.values():  # the shell takes arguments and their quotes apart; exec: Ctrl-C reaches the command
+        assert started.get("shell") == "true"
+        assert started.get("cmd").startswith("exec ")
     expected = {"collect": "1 positional arguments", "learn": "gone.yaml", "operate": "1 positional arguments"}
     for mode, given in {"collect": "/joint_states", "learn": "gone.yaml", "operate": "/joint_states"}.items():
         started = modes[mode]
         words = started.get("cmd").partition(" $(var ")[0].split()
-        assert words[:6] == ["python3", "-m", "fame", "monitor", "adm", mode]
-        assert started.get("shell") == "true" or mode == "learn"  # else several arguments are one
-        assert main([*words[3:], given]) == 2
+        assert words[:7] == ["exec", "python3", "-m", "fame", "monitor", "adm", mode]
+        assert main([*words[4:], given]) == 2
         assert expected[mode] in capsys.readouterr().err
