@@ -123,7 +123,8 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
     except FameError as error:
         if not isinstance(error, UnavailableError) and all(finding.verdict == "ok" for finding in of_network):
             raise  # a wrong request
-        yield Finding("robots", "not known", f"no connection: {error}")
+        verdict: Literal["absent", "not known"] = "absent" if alone else "not known"
+        yield Finding("robots", verdict, f"no connection: {error}")
 
 
 # ---- this machine ----------------------------------------------------------------------------------------------------
