@@ -196,6 +196,21 @@ def test_every_version_of_feel_is_known_wherever_a_language_is_named(uri: str) -
     assert node.copies_in == (Assignment("b", Expression("a + 1", "feel", 4)),)
 
 
+@pytest.mark.parametrize(
+    ("id", "name", "variable"),
+    [("_12", "Badge Number", "Badge_Number"), ("badge", "Badge Number", "badge"), ("_12", "badge", "badge")],
+)
+def test_a_data_input_without_a_name_for_expressions_has_that_of_its_id_or_words(
+    id: str, name: str, variable: str
+) -> None:
+    node = node_of(
+        f"""<task id="t"><dataInputAssociation id="d"><sourceRef>{id}</sourceRef><targetRef>B</targetRef>
+            </dataInputAssociation></task>
+            <property id="{id}" name="{name}"/><property id="B" name="b"/>"""
+    )
+    assert [one.source.text for one in node.copies_in] == [f"${{{variable}}}"]
+
+
 @pytest.mark.parametrize("format", ["javascript", "js", "JavaScript", "JavaScript()"])
 def test_all_names_of_javascript_are_known(format: str) -> None:
     node = node_of(f'<scriptTask id="t" scriptFormat="{format}"><script>next()</script></scriptTask>')

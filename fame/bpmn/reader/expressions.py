@@ -16,6 +16,7 @@ from typing import Literal
 from fame.bpmn.model import Expression, Language
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.xml import Node, line_of, local_name, text_of
+from fame.text import ros_name
 
 _LANGUAGES: dict[str, Language | None] = {
     **dict.fromkeys(("", "http://www.w3.org/1999/xpath", "http://www.w3.org/tr/xpath"), None),
@@ -76,9 +77,13 @@ def is_name(text: str) -> bool:
 
 
 def variable_name(element: Node) -> str:
-    """Return the variable of a data element: its name if that is a valid variable name, else its id."""
+    """Return the variable of a data element: its name if that is a valid variable name, else its id.
+
+    An id such as ``_12`` cannot be read in expressions: then its name with one ``_`` for each run of other characters.
+    """
     name = element.get("name", "").strip()
-    return name if is_name(name) else re.sub(r"\W|^(?=\d)", "_", element.get("id", ""))
+    own = re.sub(r"\W|^(?=\d)", "_", element.get("id", ""))
+    return name if is_name(name) else ros_name(name) if own.startswith("_") and is_name(ros_name(name)) else own
 
 
 def has_placeholders(text: str) -> bool:
