@@ -283,6 +283,13 @@ def test_a_fake_topic_says_its_values_at_their_times(mission: MissionLoader, tmp
     m.expect().completed(within=10).has(seen=[(1.5, 0.0), (1.25, 2.0), (1.0, 4.0)])
 
 
+def test_a_fake_topic_says_a_value_once(mission: MissionLoader, tmp_path: Path) -> None:
+    m = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    m.fake_topic("/P/range", RANGE, values=[{"range": 1.5}, {"range": 1.25}])
+    with pytest.raises(AssertionError):
+        m.expect().completed(within=10)  # it waits for a third one
+
+
 @pytest.mark.parametrize("name", ["bag", "bag/bag.mcap"])
 def test_a_fake_topic_says_what_a_bag_of_ros_has_from_its_first_message_on(
     mission: MissionLoader, tmp_path: Path, name: str
