@@ -53,7 +53,7 @@ def test_the_inspector_follows_a_wait_from_robot_to_robot(chromium: Browser, tmp
         told = page.locator(".chain").first.inner_text().replace("\n", " ")
         assert "Dispatcher waits at bid comes" in told
         assert "Door waits at open comes" in told
-        assert "Carrier and Dispatcher and Door wait for each other" in told
+        assert "Carrier, Dispatcher and Door wait for each other" in told
         exits = "what can end that: Carrier, l_Carrier, a timer event; Dispatcher, l_Dispatcher, a timer event"
         assert (exits if timer else "nothing that is drawn and no other publisher can end that") in told
         page.locator(".chain button.who").first.click()

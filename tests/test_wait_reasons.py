@@ -11,10 +11,13 @@ from fame.clock import SECOND
 from fame.deploy import EngineNode
 from fame.errors import DeploymentError
 from fame.log.live_team import LiveTeam
-from fame.log.wait_reasons import explain
+from fame.log.wait_reasons import explain, silences, wait_text
 from fame.middleware import messages
 from fame.middleware.actions import CANCEL, STATUS, ActionServer
 from fame.middleware.interface import LATCHED, SENSOR_DATA, DeferredResponse
+from fame.view.blocks import Packer
+from fame.view.catalogue import Catalogue
+from fame.view.mission import mission_json
 from tests.test_live_team import Field
 
 SIGNALS = '<signal id="S" name="order"/><message id="M" name="part"/>'
@@ -249,3 +252,13 @@ def test_each_of_parallel_repetitions_is_told_with_its_own_values(field: Field) 
         {inner}</subProcess>""",
     )
     assert [line.strip() for line in lines if line.startswith("    load")] == ["load = 1", "load = 2"]
+
+
+def test_the_page_gets_the_sentences_of_commands() -> None:
+    mission = mission_json("model", "a mission", Catalogue([]), [])
+    token = {"key": "1", "scope": 1, "element": "Ask", "service": "/Door/open", "text": "service"}
+    packer = Packer(Catalogue([]), ["REX"])
+    packer.waits(5, "REX", [token])
+    [(_, _, [shown], _)] = packer.blocks[0].lists["waits"]
+    assert shown["text"] == wait_text(token) == "the service /Door/open to answer"
+    assert silences({"gone": 1 * SECOND}, 4 * SECOND) == [mission["sentences"]["gone"].format(time="3 s")]

@@ -14,11 +14,11 @@ from fame.log.elements import UNKNOWN, ElementInfo, element_info
 from fame.log.wait_reasons import silences, wait_text
 from fame.middleware.interface import ENGINE, resolve
 from fame.robot.robot_state import RobotState
+from fame.robot.wait_sentences import sentence
 from fame.text import printable
 
 _FROM_OUTSIDE = frozenset(("timer", "conditional", "signal", "message"))
 """Triggers of events that listen beside a token and can take it away."""
-_NO_WAY_OUT = "nothing that is drawn and no other publisher can end that, unless a message is still on its way"
 
 
 @dataclass(eq=False, slots=True)
@@ -46,8 +46,9 @@ class WaitChain:
         circle = self._circle(robot)
         if len(circle) > 1:
             ways = [way for one in circle for way in self._ways_out(one, circle)]
-            end = f"what can end that: {'; '.join(ways)}" if ways else _NO_WAY_OUT
-            yield printable(f"  {', '.join(circle[:-1])} and {circle[-1]} wait for each other; {end}")
+            end = sentence("ways_out", ways="; ".join(ways)) if ways else sentence("no_way_out")
+            robots = f"{', '.join(circle[:-1])} and {circle[-1]}"
+            yield printable(f"  {sentence('circle', robots=robots)}; {end}")
 
     def _senders(self, token: Mapping[str, Any], depth: int) -> Iterator[str]:
         for topic, senders in _publishers(token).items():
@@ -126,7 +127,7 @@ class WaitChain:
     def _idle(self, robot: str, topic: str) -> str:
         """What a robot does of which no token waits."""
         if self._runs(robot):
-            return "is at work: no token of it waits"
+            return sentence("at_work")
         if self.states[robot].instances:
             return f"has ended: its process publishes {topic} no more"
         return "has not started its process"

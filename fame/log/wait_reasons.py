@@ -11,6 +11,7 @@ from fame.dataclasses import dataclass
 from fame.errors import DeploymentError, ModelError, display_name
 from fame.log.elements import UNKNOWN, element_info
 from fame.robot.robot_state import RobotState
+from fame.robot.wait_sentences import sentence
 from fame.robot.waiting_tokens import silence_text
 from fame.text import printable, suggestion
 
@@ -45,7 +46,7 @@ class WaitReason:
                 yield printable(f"    {name} {value}")
         for topic in self.token.get("topics", ()):
             nodes = self.token.get("publishers", {}).get(topic, ())
-            by = f"is published by {', '.join(nodes)}" if nodes else "has no publisher"
+            by = sentence("published", nodes=", ".join(nodes)) if nodes else sentence("unpublished")
             yield printable(f"  {topic} {by}")
         yield from (f"  {text}" for text in silences(self.token, self.now))
         for text in self.token.get("mismatches", ()):
@@ -53,9 +54,9 @@ class WaitReason:
         missed = self.token.get("missed")
         if missed is not None:
             ago = max(0.0, (self.now - missed["time"]) / SECOND)
-            yield printable(f"  its last message came {ago:.1f} s ago and did not count: {missed['why']}")
+            yield printable(f"  its last message came {ago:.1f} s ago and {sentence('missed', why=missed['why'])}")
         elif self.token.get("topics"):
-            yield "  no message has come since the token waits"
+            yield f"  {sentence('no_message')}"
 
     def to_json(self) -> dict[str, Any]:
         """Return the same as data."""
@@ -64,9 +65,9 @@ class WaitReason:
 
 def wait_text(token: Mapping[str, Any]) -> str:
     """Return what a token waits for."""
-    for kind, does in (("service", "answer"), ("action", "end")):
+    for kind in ("service", "action"):
         if kind in token:
-            return f"the {kind} {token[kind]} to {does}"
+            return sentence(kind, name=token[kind])
     return str(token.get("text") or token.get("kind", "something"))
 
 

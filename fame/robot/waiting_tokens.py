@@ -24,6 +24,7 @@ from fame.engine.state import Scope, Wait, joins_reached, scopes_of
 from fame.errors import display_name
 from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, resolve
 from fame.robot.mission import Mission
+from fame.robot.wait_sentences import sentence
 from fame.scripting import Runner, script_names
 from fame.scripting.requests import Act, Call
 
@@ -413,8 +414,7 @@ def _joins(engine: Engine) -> Iterator[tuple[Scope, ProgramNode, Sequence[int]]]
 
 def silence_text(kind: str, since: int, now: int) -> str:
     """Return what `Runner.server_silence` says, in words, at `now` (ns)."""
-    seconds = f"{max(0, now - since) / SECOND:.3g} s"
-    return f"it has had no server for {seconds}" if kind == "gone" else f"its server has said nothing for {seconds}"
+    return sentence(kind, time=f"{max(0, now - since) / SECOND:.3g} s")
 
 
 def suspender(wait: Wait) -> Scope | None:

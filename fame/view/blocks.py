@@ -22,6 +22,7 @@ from fame.fast_json import json_bytes, json_value
 from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.reading import tally
 from fame.log.recording import scene_values
+from fame.log.wait_reasons import wait_text
 from fame.robot.plain_values import plain
 from fame.robot.robot_state import ended_of
 from fame.view.catalogue import NOWHERE, Catalogue
@@ -305,7 +306,7 @@ class Packer:
         unknown: dict[_Place, int] = {}
         for token in data["tokens"]:
             number = self._place_token(robot, token, known, unknown)
-            state.waits.setdefault(robot, {})[token["key"]] = {**token, "e": number}
+            state.waits.setdefault(robot, {})[token["key"]] = _shown(token, number)
         over = all(instance["status"] != "running" for instance in data["instances"])
         statuses = [instance["status"] for instance in data["instances"] if instance["status"] != "running"]
         if statuses:
@@ -360,7 +361,7 @@ class Packer:
     def waits(self, time: int, robot: str, tokens: Sequence[Mapping[str, Any]], gone: Sequence[str] = ()) -> None:
         """Add changes of what the tokens of a robot wait for."""
         number = self.robot(robot)
-        shown = [{**token, "e": self._place(number, token)} for token in tokens]
+        shown = [_shown(token, self._place(number, token)) for token in tokens]
         self.state.change_waits(number, shown, gone)
         self._block(time).lists["waits"].append([time, number, shown, list(gone)])
 
@@ -449,3 +450,8 @@ class Packer:
 def _place(entry: Mapping[str, Any]) -> _Place:
     """Where a token or scope of a key message is."""
     return entry["instance"], tuple(entry["path"])
+
+
+def _shown(token: Mapping[str, Any], element: int) -> dict[str, Any]:
+    """A waiting token as the page has it: at an element (number), with words that need no other part of it."""
+    return {**token, "e": element, "text": wait_text(token)}

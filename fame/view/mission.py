@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.pools import matches, pools_of
 from fame.errors import FameError
+from fame.robot.wait_sentences import SENTENCES
 from fame.view.catalogue import NOWHERE, Catalogue
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def mission_json(
         "planes": catalogue.planes_json(),
         "types": catalogue.types_json(),
         "models": [file.file for file in catalogue.files],
+        "sentences": SENTENCES,
         "reading": 1,
         "blocks": [],
         "end": 0,

@@ -38,26 +38,7 @@ export function brief(value, most = 120) {
   return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : (text ?? "–");
 }
 
-/**
- * What a token waits for.
- *
- * @param {Wait} wait
- */
-function reason({ service, action, text }) {
-  if (service) return `the service ${service} to answer`;
-  return action ? `the action ${action} to end` : text;
-}
-
-/**
- * What is wrong with the server that a token has asked.
- *
- * @param {Wait} wait @param {number} time
- */
-const troubles = ({ gone, silent, mismatches = [] }, time) => [
-  ...(gone === undefined ? [] : [`it has had no server for ${duration(Math.max(0, time - gone))}`]),
-  ...(silent === undefined ? [] : [`its server has said nothing for ${duration(Math.max(0, time - silent))}`]),
-  ...mismatches,
-];
+const LIST = new Intl.ListFormat("en-GB");
 
 /**
  * The robots, or other nodes, that publish on the topics that a token waits for.
@@ -385,8 +366,8 @@ export class Inspector {
         wait.suspended ? h("em", null, "suspended") : null,
         h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`),
       ),
-      h("div", { cls: "reason" }, reason(wait)),
-      troubles(wait, time).map((text) => h("div", { cls: "why" }, text)),
+      h("div", { cls: "reason" }, wait.text),
+      this.troubles(wait, time).map((text) => h("div", { cls: "why" }, text)),
       topics,
       this.lastMessages(wait, time),
       this.senders(state, wait, time, [r], new Set([r])),
@@ -401,15 +382,34 @@ export class Inspector {
     return h("div", { cls: "why" }, h("code", null, text), values);
   }
 
+  /**
+   * A sentence of the server, filled in.
+   *
+   * @param {string} name @param {Object<string, string>} [values]
+   */
+  sentence(name, values = {}) {
+    const words = this.app.mission.sentences[name] ?? name;
+    return words.replace(/\{(\w+)\}/g, (_, key) => values[key] ?? "");
+  }
+
+  /**
+   * What is wrong with the server that a token has asked.
+   *
+   * @param {Wait} wait @param {number} time
+   */
+  troubles(wait, time) {
+    const silences = /** @type {const} */ (["gone", "silent"]).flatMap((name) => {
+      const since = wait[name];
+      return since === undefined ? [] : [this.sentence(name, { time: duration(Math.max(0, time - since)) })];
+    });
+    return [...silences, ...(wait.mismatches ?? [])];
+  }
+
   /** Who publishes on a topic that a token waits for. */
   publishers(topic, wait) {
     const nodes = wait.publishers?.[topic] ?? [];
-    return h(
-      "div",
-      { cls: "why" },
-      h("code", null, topic),
-      nodes.length ? ` is published by ${nodes.join(", ")}` : " has no publisher",
-    );
+    const by = nodes.length ? this.sentence("published", { nodes: nodes.join(", ") }) : this.sentence("unpublished");
+    return h("div", { cls: "why" }, h("code", null, topic), ` ${by}`);
   }
 
   /**
@@ -428,7 +428,7 @@ export class Inspector {
         h(
           "li",
           null,
-          h("b", null, `${circle.map((one) => robots[one].name).join(" and ")} wait for each other`),
+          h("b", null, this.sentence("circle", { robots: LIST.format(circle.map((one) => robots[one].name)) })),
           `; ${this.waysOut(state, circle)}`,
         ),
       );
@@ -445,21 +445,21 @@ export class Inspector {
     const found = circle.flatMap((r) =>
       [...(state.waits.get(r)?.values() ?? [])].flatMap((wait) => {
         const events = [...state.openers(r, wait.scope), wait.e].flatMap((e) => elements[e]?.exits ?? []);
-        return [...(isHeld(wait) ? [] : [`${nameOf(this.app, wait.e)}, for ${reason(wait)}`]), ...events].map(
+        return [...(isHeld(wait) ? [] : [`${nameOf(this.app, wait.e)}, for ${wait.text}`]), ...events].map(
           (way) => `${robots[r].name}, ${way}`,
         );
       }),
     );
     return found.length
-      ? `what can end that: ${[...new Set(found)].join("; ")}`
-      : "nothing that is drawn and no other publisher can end that, unless a message is still on its way";
+      ? this.sentence("ways_out", { ways: [...new Set(found)].join("; ") })
+      : this.sentence("no_way_out");
   }
 
   sender(state, r, time, path, told) {
     const waits = [...(state.waits.get(r)?.values() ?? [])];
     const ended = this.status(state, r);
     if (!waits.length)
-      return [h("li", null, this.robot(r), ended ? ` has ended: ${ended}` : " is at work: no token of it waits")];
+      return [h("li", null, this.robot(r), ended ? ` has ended: ${ended}` : ` ${this.sentence("at_work")}`)];
     return waits.map((wait) =>
       h(
         "li",
@@ -468,7 +468,7 @@ export class Inspector {
         " waits at ",
         wait.e >= 0 ? this.element(wait.e, state.openers(r, wait.scope)) : wait.element,
         `, ${duration(Math.max(0, time - wait.since))}, `,
-        wait.suspended ? `suspended by ${wait.by}` : [`for ${reason(wait)}`, ...troubles(wait, time)].join("; "),
+        wait.suspended ? `suspended by ${wait.by}` : [`for ${wait.text}`, ...this.troubles(wait, time)].join("; "),
         this.senders(state, wait, time, [...path, r], told),
       ),
     );
@@ -483,10 +483,10 @@ export class Inspector {
         { cls: "why" },
         "last message ",
         this.instant(wait.missed.time),
-        ` did not count: ${wait.missed.why}`,
+        ` ${this.sentence("missed", { why: wait.missed.why })}`,
       );
     const found = wait.topics.map((topic) => this.app.store.lastMessage(topic, time)).filter((one) => one !== null);
-    if (!found.length) return h("div", { cls: "why" }, "no message has come since the token waits");
+    if (!found.length) return h("div", { cls: "why" }, this.sentence("no_message"));
     return found.map(([at, topic, sender]) =>
       h(
         "div",

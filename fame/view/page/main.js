@@ -65,6 +65,7 @@ export class App {
     planes: [],
     models: [],
     types: {},
+    sentences: {},
     reading: 1,
     blocks: [],
     end: 0,

@@ -87,6 +87,7 @@
  * @property {{title: string}[]} planes
  * @property {string[]} models
  * @property {Object<string, Field[]>} types by topic
+ * @property {Object<string, string>} sentences why a token waits (`wait_sentences.py`), with names in braces
  * @property {number} reading how much of the recording has been read, 0 to 1
  * @property {IndexRow[]} blocks
  * @property {number} end
@@ -118,8 +119,6 @@
  * @property {string[]} [topics]
  * @property {Object<string, string[]>} [publishers] by topic
  * @property {{text: string, reads?: string[]}[]} [conditions]
- * @property {string} [service]
- * @property {string} [action]
  * @property {number} [gone] since when its server is gone
  * @property {number} [silent] since when its server has said nothing
  * @property {string[]} [mismatches]
