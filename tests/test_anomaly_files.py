@@ -202,3 +202,12 @@ def test_stamps_are_recognised_without_labels_and_a_named_axis_may_turn_steadily
     (tmp_path / "a.csv").write_text(steady(40, head="turntable,a,b"))
     assert read_csv(tmp_path / "a.csv").joints == ("turntable", "a", "b")
     assert read_csv(tmp_path / "a.csv", [1, 2]).joints == ("a", "b")
+
+
+def test_a_joint_named_t_is_one_beside_stamps(tmp_path: Path) -> None:
+    path = tmp_path / "arm.csv"
+    path.write_text("stamp,run,b,t,label\n0,0,0,1,1\n1,0,1,2,1\n")
+    assert read_csv(path, [0, 1], 2).joints == ("b", "t")
+    path.write_text("b,t,label\n0,1,1\n1,2,1\n")
+    with pytest.raises(ConfigError, match="holds times, not a joint"):
+        read_csv(path, [0, 1], 2)

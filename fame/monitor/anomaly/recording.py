@@ -376,7 +376,7 @@ def _reject_times(table: CsvTable, inputs: Sequence[int], path: Path) -> None:
         if name in special:
             joints = [index for index, other in enumerate(table.names) if other not in special]
             text = f"column {column} (counted from 0) is {name!r}, not a joint; the joints are the columns {joints}"
-        elif name.lower() in _TIMES:
+        elif name.lower() in _TIMES and not (name in ("t", "T") and STAMP in table.names):  # a joint: S L U R B T
             text = f"column {column} (counted from 0), {name!r}, holds times, not a joint: "
             text += "call it 'stamp' (s), or leave it out"
         elif not name and _grows_steadily(table.cells[:, column]):
