@@ -167,3 +167,13 @@ def test_a_constant_goal_is_where_a_robot_can_be(
     assert [line.partition("warning: ")[2] for line in lines if "is sent to" in line] == (
         [f"g: REX is sent to x={x} y=1, {where}"] if where else []
     )
+
+
+@pytest.mark.parametrize(("value", "told"), [("two", True), ("2", False)])
+def test_an_answer_without_a_form_is_of_the_kind_that_the_model_sets(
+    value: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = f"complete: [{{at: 1, robot: REX, element: ask, values: {{bags: {value}}}}}]\n"
+    _, lines = found(tmp_path, capsys, GOOD + answer, row(script("bags = 1"), '<userTask id="ask"/>'))
+    expected = "s.yaml: warning: completes ask of REX with bags = 'two', a text; elsewhere it is a number"
+    assert (expected in lines) == told

@@ -95,6 +95,13 @@ def _by_name(
     return found
 
 
+def kind_of(scope: CheckScope, root: CheckedProcess, name: str) -> str:
+    """Return the one kind of value that a variable is set to wherever its robot sets it; empty if there is none."""
+    types = types_of(scope)
+    kinds = {one.kind for process in root.closure() for known, one in _samples(process, types) if known == name}
+    return kinds.pop() if len(kinds) == 1 else ""
+
+
 # ---- samples ---------------------------------------------------------------------------------------------------------
 
 

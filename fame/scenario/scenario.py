@@ -19,6 +19,7 @@ from fame.bpmn.model import CallActivity, Definitions, FlowNode, Task
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, find_scope, of_error
 from fame.check.service_topics import served_topics
+from fame.check.value_kinds import Sample, kind_of
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
 from fame.middleware.interface import resolve
@@ -360,7 +361,7 @@ def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool 
         run = Run(Scenario.load(path, library=library), False, None, None, strict=strict)
         never = list(run.judging.never_judged()) if run.judging is not None else []
         unmatched = [Finding("warning", text, str(path)) for text in _unmatched_topics(run)]
-        unmatched += [*_unreachable_goals(run), *_without_effect(run, str(path))]
+        unmatched += [*_unreachable_goals(run), *_without_effect(run, str(path)), *_other_kinds(run, str(path))]
         run.close()
     except (ConfigError, ModelError) as error:
         return [of_error(error)]
@@ -418,6 +419,23 @@ def _without_effect(run: Run, file: str) -> Iterator[Finding]:
             for name in [name for name in done.values if fields and name not in fields]:
                 text = f"the form of {task.display_name} has no field {name!r}; {suggestion(name, fields)}"
                 yield Finding("warning", text, file)
+
+
+def _other_kinds(run: Run, file: str) -> Iterator[Finding]:
+    """Find answers to tasks without a form that are of another kind than what the model sets their variables to."""
+    scope = find_scope(run.scenario.definitions, run.scenario.library)
+    roots = {pool.bpmn.id: pool for pool in scope.processes}
+    for done in run.scenario.completions:
+        node = next(one for one in run.nodes if one.name == done.robot)
+        tasks = ((home, task) for home, task in node.mission.flow_nodes() if task.id == done.element)
+        if any(isinstance(task, Task) and form_of(home, task.human) for home, task in tasks):
+            continue
+        for name, value in done.values.items():
+            known = kind_of(scope, roots[node.mission.process.id], name)
+            given = Sample(roots[node.mission.process.id], node.mission.process, value).kind
+            if known and given and known != given:
+                answer = f"completes {done.element} of {done.robot} with {name} = {value!r}, {given}"
+                yield Finding("warning", f"{answer}; elsewhere it is {known}", file)
 
 
 def _unreachable_goals(run: Run) -> Iterator[Finding]:
