@@ -4,7 +4,7 @@
 import argparse
 import sys
 
-from fame.cli.network import add_network, without_ros_arguments
+from fame.cli.network import add_network
 from fame.scenario import serve
 from robots.gazebo import Supplement
 
@@ -16,7 +16,8 @@ def main() -> None:
         "--radius", type=float, default=0.2, help="radius of a circle around the robot (m); 0 for a flying robot"
     )
     add_network(parser)  # type: ignore[arg-type]
-    arguments = parser.parse_args(without_ros_arguments(sys.argv[1:]))
+    words = [*sys.argv[1:], "--ros-args"]  # which launch files append, with what follows
+    arguments = parser.parse_args(words[: words.index("--ros-args")])
     serve(
         arguments.middleware,
         arguments.network,

@@ -136,3 +136,12 @@ def test_the_launch_file_starts_each_engine_in_the_namespace_of_its_robot() -> N
     world, rex, dingo = made["_nodes"](context)
     assert [node.node_executable for node in (world, rex, dingo)] == ["world", "engine", "engine"]
     assert rex._Node__node_namespace == "REX"
+
+
+def test_the_program_of_gazebo_reads_what_a_launch_file_appends(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["gazebo_robot.py", "--ros-args", "-r", "__ns:=/REX"])
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(ROOT / "launch" / "gazebo_robot.py"), run_name="__main__")
+    assert "the following arguments are required: robot" in capsys.readouterr().err
