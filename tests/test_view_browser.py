@@ -277,7 +277,7 @@ def test_the_inspector_has_the_colours_of_the_robots_in_both_themes(page: Page) 
 def test_the_inspector_says_who_publishes_and_why_the_last_message_did_not_count(page: Page) -> None:
     page.evaluate("fame.player.seek(40e9)")
     until(page, "document.querySelector('.waits').textContent.includes('/Drone/odom is published by /Drone/robot')")
-    why = """(missed) => fame.inspector.lastMessages({topics: ['/a'], since: 6e9, ...missed}, 7e9).textContent"""
+    why = """(missed) => fame.inspector.waits.lastMessages({topics: ['/a'], since: 6e9, ...missed}, 7e9).textContent"""
     assert page.evaluate(why, {}) == "no message has come since the token waits"
     missed = {"missed": {"time": 5e9, "why": "nothing waited for it then"}}
     assert page.evaluate(why, missed) == "last message 0:05.000 did not count: nothing waited for it then"
