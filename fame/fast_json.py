@@ -17,8 +17,10 @@ _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), default=st
 def json_bytes(value: Any) -> bytes:
     """JSON on one line; what JSON does not have is text. Raises ValueError for a value that contains itself."""
     if orjson is not None:
-        with suppress(TypeError):  # large numbers, keys that are no texts, texts that are not Unicode
+        try:
             return orjson.dumps(value, _other)
+        except TypeError:  # large numbers, keys that are no texts, texts that are not Unicode
+            pass
     return _encode(value).encode("utf-8", "backslashreplace")
 
 

@@ -157,3 +157,18 @@ def test_closing_the_middleware_closes_everything(middleware: LocalMiddleware) -
     node.service("/reset", "std_srvs/Trigger", lambda request: None)
     middleware.close()
     assert (middleware.graph(), middleware.namespaces(), middleware.services) == ([], [], {})
+
+
+def test_a_tap_that_is_removed_while_it_gets_a_message_gets_no_more(middleware: LocalMiddleware) -> None:
+    seen: dict[str, list[Any]] = {"once": [], "always": []}
+
+    def once(message: Any) -> None:
+        seen["once"].append(message.data)
+        publisher.remove_tap(once)
+
+    publisher: Any = middleware.node("engine", "REX").publisher("/n", INT)
+    middleware.tap(lambda publisher: once)
+    middleware.tap(lambda publisher: lambda message: seen["always"].append(message.data))
+    for number in (1, 2):
+        publisher.publish(create(INT, number))
+    assert seen == {"once": [1], "always": [1, 2]}

@@ -60,18 +60,18 @@ class TopicRecorder:
 
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """The recorder of a publisher's messages, chosen at the first message, when all endpoints exist."""
-        chosen: list[int | None] = []
+        chosen: list[int] = []
         if "/msg/" not in publisher.type:  # feedback of an action: rosbags cannot write the definition of its type
             return None
 
         def on_message(message: Any) -> None:
             if not chosen:
-                wanted = self._every or self._is_signal(publisher.topic)
-                file = self._begin() if wanted else None
+                if not (self._every or self._is_signal(publisher.topic)):
+                    publisher.remove_tap(on_message)  # a message that nobody gets need not even be checked
+                    return
                 node = publisher.node.full_name
-                chosen.append(file.message_channel(publisher.topic, publisher.type, node) if file else None)
-            if chosen[0] is not None:
-                self._begin().message(chosen[0], self._middleware.scheduler.now, message)
+                chosen.append(self._begin().message_channel(publisher.topic, publisher.type, node))
+            self._begin().message(chosen[0], self._middleware.scheduler.now, message)
 
         return on_message
 

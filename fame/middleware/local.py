@@ -277,6 +277,10 @@ class LocalPublisher:
         if on_message is not None:
             self.matched.append(_Tap(on_message))
 
+    def remove_tap(self, on_message: Callable[[AnyMessage], object]) -> None:
+        """Pass no more messages to a function that a tap returned, which may be the one that is called now."""
+        self.matched = [end for end in self.matched if not (isinstance(end, _Tap) and end.enqueue is on_message)]
+
     def send_history(self, subscription: LocalSubscription) -> None:
         """Send the messages kept for late subscriptions whose lifespan has not ended."""
         lifespan, now = self.qos.lifespan, self.node.middleware.scheduler.now
