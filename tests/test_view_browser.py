@@ -212,6 +212,44 @@ def test_the_page_fits_its_window_in_each_tab(page: Page) -> None:
                 assert box["y"] + box["height"] <= height
 
 
+_FORTY_BLOCKS = """async () => {
+  const empty = { scopes: [], variables: [], waits: [], messages: [], poses: [], world: [], properties: [] };
+  const key = { scopes: [], tokens: [], waits: [], counts: [], variables: [], poses: [], world: {} };
+  const none = Object.fromEntries(Object.keys(empty).map((name) => [name, 0]));
+  const block = (number) => ({
+    ...structuredClone(empty), number, start: number * 10, end: number * 10 + 9, first: 0, size: 100, key, at: none,
+    d: {}, t: [number * 10], r: [0], i: [1], s: [1], e: [0], w: [7], properties: [[number * 10, number]],
+  });
+  const store = new fame.store.constructor(async (number) => block(number));
+  store.room = 1000;
+  store.index(Array.from({ length: 40 }, (_, number) => [number, number * 10, number * 10 + 9, 1]), 399);
+  const loaded = () => store.blocks.filter((one) => one.data).map((one) => one.number);
+  const loadAhead = async (time) => {
+    for (let next; (next = store.missing(time).slice(0, 2)).length; )
+      await Promise.all(next.map(({ number }) => store.want(number)));
+    return loaded();
+  };
+  const start = await loadAhead(0);
+  store.stateAt(305);
+  await store.want(30);
+  const jump = await loadAhead(305);
+  const state = store.stateAt(305).block.number;
+  const last = await store.find(0, 1, (data, at) => data.columns.t[at] === 390);
+  return { start, jump, state, last, sizes: [store.size, loaded().length], judged: store.blocks.map((one) => one.properties[0][1]) };
+}"""
+
+
+def test_blocks_that_nobody_looks_at_leave_memory_and_come_again(page: Page) -> None:
+    found = page.evaluate(_FORTY_BLOCKS)
+    assert found["start"] == [*range(10)]  # as many as fit, with some room beyond
+    assert {29, 30, 31} <= {*found["jump"]}
+    assert len(found["jump"]) == 10
+    assert found["state"] == 30
+    assert found["last"] == 390  # a search goes through all blocks
+    assert found["sizes"] == [1000, 10]
+    assert found["judged"] == [*range(40)]  # what was judged stays
+
+
 def test_the_help_is_text(page: Page) -> None:
     page.keyboard.press("?")
     said = page.locator("#help").inner_text()

@@ -114,7 +114,9 @@ export class App {
   async fetch(path) {
     const answer = await fetch(new URL(path, base));
     if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-    return answer.json();
+    return Object.assign(await answer.json(), {
+      size: Number(answer.headers.get("content-length")) || undefined,
+    });
   }
 
   async post(command) {
@@ -289,12 +291,9 @@ export class App {
     try {
       for (;;) {
         await this.calm();
-        const missing = this.store.blocks.filter((block) => block && block.data === null);
-        if (!missing.length || this.store.blocks.reduce((sum, block) => sum + (block.data ? block.events : 0), 0) > 4e6)
-          break;
-        const here = this.store.numberAt(this.player.time);
-        missing.sort((a, b) => Math.abs(a.number - here) - Math.abs(b.number - here));
-        await Promise.all(missing.slice(0, 2).map((block) => this.store.want(block.number)));
+        const missing = this.store.missing(this.player.time).slice(0, 2);
+        if (!missing.length) break;
+        await Promise.all(missing.map((block) => this.store.want(block.number)));
       }
     } catch {
       /* the server has ended; what is there stays */
@@ -445,6 +444,7 @@ export class App {
     if (this.missing !== null && (number < 0 || number === this.store.numberAt(this.player.time)))
       this.draw(performance.now());
     else this.soon();
+    this.prefetch();
   }
 
   draw(now) {

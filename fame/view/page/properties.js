@@ -37,8 +37,8 @@ export class Properties {
     this.version = store.version;
     const lanes = new Map();
     const named = new Map();
-    for (const { data } of store.blocks) {
-      for (const [time, change] of data?.properties ?? []) {
+    for (const { properties } of store.blocks) {
+      for (const [time, change] of properties ?? []) {
         const { property: name, robots } = change;
         const id = [name, ...robots].join(" ");
         if (change.names)

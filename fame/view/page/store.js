@@ -18,6 +18,7 @@
  * @property {ScopeRow[]} scopes
  * @property {Map<string, Scope>} scopeIndex by key of the scope
  * @property {Set<string>} held keys of the tokens at its start
+ * @property {number} size characters of JSON
  * @property {number} [until]
  * @property {Span[] | null} [spans] kept by `spansOf`
  * @property {number} [settled] events for which the timeline has rows
@@ -36,6 +37,8 @@
  * @property {number} events
  * @property {LoadedBlock | null} data
  * @property {Promise<Block | undefined> | null} loading
+ * @property {number} [look] the number of the last look at it
+ * @property {any[]} [properties] what was judged in it, which stays
  * @property {any} [ways] kept by `world.js`
  */
 
@@ -53,6 +56,8 @@ export const ANSWER = 9;
 const COLUMNS = ["t", "r", "i", "s", "e", "w"];
 /** @type {(keyof Changes)[]} */
 const LISTS = ["variables", "waits", "messages", "poses", "world", "properties"];
+const ROOM = 32e6; // characters of JSON in loaded blocks, with which a page has some 230 MB
+const LEAST = 6; // blocks that stay even if they do not fit: at the cursor, beside it, and what is searched
 
 /**
  * The first index whose value is above `time`.
@@ -321,6 +326,9 @@ export class Store {
     /** @type {State | null} */
     this.cursor = null;
     this.end = 0;
+    this.room = ROOM;
+    this.size = 0; // characters of JSON in loaded blocks
+    this.looks = 0; // at blocks, so far
     this.version = 0; // of what is loaded
     this.said = 0; // grows when messages are loaded
   }
@@ -388,11 +396,51 @@ export class Store {
       this.want(known.number);
       return;
     }
+    known.properties = known.data.properties;
     known.end = Math.max(known.end, data.end);
     known.events = known.data.columns.t.length;
+    this.look(known);
+    this.forget();
     this.end = Math.max(this.end, known.end);
     this.version += 1;
     this.said += data.messages.length;
+  }
+
+  /** @param {Block} block */
+  look(block) {
+    this.looks += 1;
+    block.look = this.looks;
+  }
+
+  /** Whether no more blocks are loaded before they are needed; those that are needed have some room beyond. */
+  get full() {
+    return this.size > 0.8 * this.room;
+  }
+
+  /** Let blocks leave memory until the others fit, first what was not looked at for the longest time. */
+  forget() {
+    const loaded = this.blocks.filter((block) => block?.data);
+    loaded.sort((one, other) => (one.look ?? 0) - (other.look ?? 0));
+    this.size = loaded.reduce((sum, block) => sum + (block.data?.size ?? 0), 0);
+    for (const block of loaded.slice(0, -LEAST)) {
+      if (this.size <= this.room) break;
+      this.size -= block.data?.size ?? 0;
+      block.data = null;
+      block.ways = null;
+    }
+  }
+
+  /**
+   * Blocks to load before anything needs them, the nearest to an instant first: as many as fit, else those beside it.
+   *
+   * @param {number} time
+   */
+  missing(time) {
+    const here = this.numberAt(time);
+    /** @param {Block} block */
+    const distance = (block) => Math.abs(block.number - here);
+    const wanted = this.blocks.filter((block) => block && block.data === null && (!this.full || distance(block) < 2));
+    return wanted.sort((one, other) => distance(one) - distance(other));
   }
 
   /**
@@ -464,6 +512,7 @@ export class Store {
       this.want(number);
       return null;
     }
+    this.look(block);
     if (this.cursor === null || this.cursor.block !== block.data || this.cursor.time > time)
       this.cursor = new State(block.data);
     this.cursor.apply(time);
@@ -582,6 +631,7 @@ function prepared(data) {
     held: new Set(key.tokens.map(([robot, instance, scope, element]) => tokenKey(robot, instance, scope, element))),
     columns: { t, r, i, s, e, w }, // not copied: `extend` adds nothing that is there
     ...{ variables, waits, messages, poses, world, properties },
+    size: 0,
   };
   extend(block, data);
   return block;
@@ -609,6 +659,7 @@ function extend(block, data) {
     block.scopeIndex.set(...scopeFrom(row));
   }
   block.end = Math.max(block.end, data.end);
+  block.size += data.size ?? JSON.stringify(data).length;
   block.spans = null;
   return true;
 }

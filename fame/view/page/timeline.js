@@ -165,7 +165,7 @@ export class Timeline {
     const percent = (part) => `${Math.round(part * 100)} %`;
     if (mission.reading < 1) return `reading ${percent(mission.reading)}`;
     const missing = store.blocks.filter((block) => block.data === null).length;
-    return missing > 1 ? `loading ${percent(1 - missing / store.blocks.length)}` : "";
+    return missing > 1 && !store.full ? `loading ${percent(1 - missing / store.blocks.length)}` : "";
   }
 
   /** Whether an instant is in the span that is shown. */

@@ -186,6 +186,7 @@
  * @property {Object<string, any>} d details of events, by their place
  * @property {ScopeRow[]} scopes
  * @property {number} [until]
+ * @property {number} [size] characters of its JSON, if the server has said so
  */
 
 export {};
