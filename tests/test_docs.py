@@ -291,3 +291,20 @@ def test_code_blocks_are_read_by_what_they_are_for_and_at_most_15_percent_are_on
                 assert listed(language), language
                 right.append(False)
     assert right.count(False) <= 0.15 * len(right), f"{right.count(False)} of {len(right)}"
+
+
+def test_tables_of_performance_say_when_they_were_measured_and_are_at_most_two_releases_old() -> None:
+    releases = re.findall(r"^## \[[\d.]+\] - (\S+)", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    ages = {}
+    for page in sorted(ROOT.glob("docs/performance*.md")):
+        above, table = "", False
+        for number, line in enumerate(page.read_text("utf-8").splitlines(), 1):
+            if line.startswith("|") and not table:
+                measured = re.fullmatch(r"Measured (\d{4}-\d\d-\d\d), [0-9a-f]{8}:", above)
+                assert measured, (
+                    f"{page.name}:{number}: above a table stands when and at which revision it was measured"
+                )
+                ages[f"{page.name}:{number}"] = sum(release > measured[1] for release in releases)
+            above, table = line or above, line.startswith("|")
+    assert {place: age for place, age in ages.items() if age > 2} == {}
+    assert len(releases) >= 3 <= len(ages)
