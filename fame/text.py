@@ -24,7 +24,7 @@ NOT_XML = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 """Characters that are not allowed in XML."""
 DEPTH = 32
 """How deep lists and objects may be nested in JSON from elsewhere."""
-NAMES = "letters, digits and _, not starting with a digit"
+NAMES = "ASCII letters, digits and _, not starting with a digit"
 """The parts of a name that ROS 2 allows between slashes."""
 
 

@@ -57,7 +57,7 @@ PARCEL_KEYS = {
 }
 """Of a parcel."""
 DOOR_KEYS = {
-    "name": "of its own, of letters, digits and _ (`door_1` ...)",
+    "name": "of its own, of ASCII letters, digits and _ (`door_1` ...)",
     "from": "one end: `[x, y]` in m",
     "to": "the other end",
     "time": "seconds in which it opens (1.5)",
@@ -242,7 +242,7 @@ def _doors(listed: ConfigValue | None, bounds: Extent) -> Iterator[DoorConfig]:
         keys = value.mapping(DOOR_KEYS)
         name = keys["name"].text() if "name" in keys else f"door_{number}"
         if not _NAME.fullmatch(name) or name in names:
-            raise value.error(f"expected a name of its own, of letters, digits and _, got {name!r}")
+            raise value.error(f"expected a name of its own, of ASCII letters, digits and _, got {name!r}")
         names.add(name)
         start, end = (value.required(key, "[x, y] in m").point() for key in ("from", "to"))
         if not (inside(bounds, start) and inside(bounds, end)):
@@ -260,7 +260,7 @@ def _robots(listed: ConfigValue, bounds: Extent) -> tuple[RobotConfig, ...]:
     robots: dict[str, RobotConfig] = {}
     for name, value in listed.mapping().items():
         if not _NAME.fullmatch(name):
-            raise value.error(f"expected a name of letters, digits and _ that begins with a letter, got {name!r}")
+            raise value.error(f"expected a name of ASCII letters, digits and _ that begins with a letter, got {name!r}")
         if name.casefold() in robots:
             raise value.error(
                 f"expected names that differ in more than case, got {robots[name.casefold()].name!r} and {name!r}"

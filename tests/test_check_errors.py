@@ -67,8 +67,8 @@ ERRORS = {
         f't: topic /done has type std_msgs/msg/String here, but "done" (a) says {BOOL}: a topic has one type',
     ),
     "a topic that no middleware makes": (
-        row(script('robot.publish("/has arrived!", "std_msgs/msg/Empty")')),
-        "t: /has arrived! is not a valid ROS 2 topic name: expected letters, digits and _, not starting with a digit",
+        row(script('robot.publish("/has a/b!", "std_msgs/msg/Empty")')),
+        "t: /has a/b! is not a valid ROS 2 topic name: expected ASCII letters, digits and _, not starting with a digit",
     ),
     "two names that become one topic": (
         row('<intermediateThrowEvent id="a" name="has arrived"><signalEventDefinition/></intermediateThrowEvent>'

@@ -369,7 +369,7 @@ def test_of_several_engines_one_may_be_killed_and_the_others_end_with_what_start
         (["A", "A"], "named twice: A"),
         (["A", "B", "--state", "state"], "--state belongs to one robot: start each engine by its own command"),
         (["A", "B", "--trust", "x.pub", "--identity", "a.key"], "--identity belongs to one robot: start each engine"),
-        (["A", "1B"], "expected letters, digits and _, a letter first, got '1B'"),
+        (["A", "1B"], "expected ASCII letters, digits and _, a letter first, got '1B'"),
     ],
 )
 def test_what_several_engines_cannot_be(words: list[str], complaint: str) -> None:

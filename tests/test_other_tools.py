@@ -187,7 +187,7 @@ def test_every_file_is_run_or_refused() -> None:
 
 # ---- what is said of them --------------------------------------------------------------------------------------------
 
-ROS = "expected letters, digits and _, not starting with a digit"
+ROS = "expected ASCII letters, digits and _, not starting with a digit"
 WARNINGS = {
     "aris.bpmn": [],
     "bizagi.bpmn": [

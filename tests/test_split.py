@@ -115,7 +115,7 @@ def test_names_that_fall_together_are_refused():
 
 
 def test_a_pool_whose_name_no_robot_can_have_is_named():
-    with pytest.raises(fame.ModelError, match=r"pool 'Go To' cannot name a robot: expected letters, digits and _"):
+    with pytest.raises(fame.ModelError, match=r"'Go To' cannot name a robot: expected ASCII letters, digits and _"):
         assign_pools(pools_of(collaboration('name="Go To"')), [])
 
 

@@ -142,10 +142,10 @@ def _uses(definitions: Definitions) -> list[TopicEnd]:
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("/has arrived!", "/has arrived! is not a valid ROS 2 topic name: expected letters"),
-        ("//a", "//a is not a valid ROS 2 topic name: expected letters"),
-        ("~//a", "~//a is not a valid ROS 2 topic name: expected letters"),
-        ("~/a b", "~/a b is not a valid ROS 2 topic name: expected letters"),
+        ("/has arrived!", "/has arrived! is not a valid ROS 2 topic name: expected ASCII letters"),
+        ("//a", "//a is not a valid ROS 2 topic name: expected ASCII letters"),
+        ("~//a", "~//a is not a valid ROS 2 topic name: expected ASCII letters"),
+        ("~/a b", "~/a b is not a valid ROS 2 topic name: expected ASCII letters"),
         ("\u5230\u8fbe 1", "'\u5230\u8fbe 1' has no Latin letter to make a topic of: write a topic as its name"),
     ],
 )

@@ -127,7 +127,7 @@ def _add_storage(parser: ArgumentParser) -> None:
 def _name(text: str) -> str:
     """The name of a robot, which is a namespace of ROS."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text):
-        raise ArgumentTypeError(f"expected letters, digits and _, a letter first, got {text!r}")
+        raise ArgumentTypeError(f"expected ASCII letters, digits and _, a letter first, got {text!r}")
     return text
 
 

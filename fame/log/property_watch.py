@@ -53,7 +53,7 @@ def topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic]
 
 def _topic(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z]\w*", name):
-        raise ConfigError(f"expected a name of letters, digits and _, got {name!r}", element="property")
+        raise ConfigError(f"expected a name of ASCII letters, digits and _, got {name!r}", element="property")
     return f"/violated/{name}"
 
 

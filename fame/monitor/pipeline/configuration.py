@@ -262,5 +262,5 @@ def _policies(value: ConfigValue, general: Mapping[str, Any]) -> Mapping[str, An
 
 def _node_name(value: ConfigValue) -> str:
     if not isinstance(value.data, str) or not re.fullmatch(r"[A-Za-z_]\w*", value.data):
-        raise value.expected("a name of letters, digits and _")
+        raise value.expected("a name of ASCII letters, digits and _")
     return value.data
