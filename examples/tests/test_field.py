@@ -47,7 +47,7 @@ def test_a_weed_that_cannot_be_reached_is_noted(mission: MissionLoader) -> None:
     m.stub("GoTo", after=1, raises="unreachable")
     m.advance(10).signal("weed_found", WEED)
     m.expect("Tractor_1").completed(within=40).passed("Report Weed")
-    m.expect("Drone").passed("Note It")
+    m.expect("Drone").passed("Note It").completed(within=120).passed("Land")  # and goes on exploring
 
 
 def test_the_drone_asks_again_if_no_tractor_answers_in_time(mission: MissionLoader) -> None:
