@@ -2,11 +2,17 @@
 
 import dataclasses
 import gc
+import sys
+from pathlib import Path
 
 import pytest
 
 import fame
 from fame.bpmn.reader import read_text
+from fame.log.recorder import Recorder
+from fame.log.recording_file import Sink
+from fame.robot.durable import DurableRecorder
+from fame.robot.journal import Journal, StateDirectory
 
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL"
@@ -254,3 +260,24 @@ def test_of_the_instances_that_have_ended_the_last_thousand_are_kept_and_all_are
     kept = simulation.instances
     assert [one.status for one in kept] == ["completed"] * 1000 + ["running"]
     assert (simulation.node.started, simulation.node.completed) == (1004, 1003)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kept", ["nothing", "a journal", "a recording"])
+def test_a_year_of_missions_takes_no_more_memory_than_a_day(kept: str, tmp_path: Path) -> None:
+    task = '<scriptTask id="t"><script>found = [1, 2]</script></scriptTask><endEvent id="e"/>'
+    start = '<startEvent id="s"><signalEventDefinition signalRef="S"/></startEvent>'
+    recorder = Recorder(Sink) if kept == "a recording" else None
+    simulation = fame.Simulation(model(start + task, ("s", "t"), ("t", "e")), observer=recorder)
+    if kept == "a journal":
+        DurableRecorder(simulation.node, Journal(StateDirectory(tmp_path), {"robot": "robot"})).begin()
+    simulation.run()
+    sizes = []
+    for _ in range(2):
+        for _ in range(1200):  # of which the last thousand are kept
+            simulation.signal("/weed_found")
+        gc.collect()
+        sizes.append(sys.getallocatedblocks())
+    assert simulation.node.completed == 2400
+    assert sizes[1] - sizes[0] < 500
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 1_000_000
