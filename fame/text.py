@@ -10,6 +10,7 @@ import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -192,6 +193,7 @@ def ros_name(text: str) -> str:
     return f"n{name}" if name[0].isdigit() else name
 
 
+@lru_cache(maxsize=1024)
 def topic_of(name: str) -> str:
     """Return the topic of a name that people write: ``/Order_received``, or ``~/odom`` in the robot's namespace."""
     name = ros_name(name)
