@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import suppress
 from typing import Any
 
 try:
@@ -31,6 +30,8 @@ def _other(value: Any) -> Any:
 def json_value(data: bytes | str) -> Any:
     """Return the value of JSON, for readers to which all large numbers are floating point. Raises ValueError."""
     if orjson is not None:
-        with suppress(ValueError):  # numbers and texts that Python's JSON alone has
+        try:
             return orjson.loads(data)
+        except ValueError:  # numbers and texts that Python's JSON alone has
+            pass
     return json.loads(data)
