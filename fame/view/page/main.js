@@ -114,9 +114,7 @@ export class App {
   async fetch(path) {
     const answer = await fetch(new URL(path, base));
     if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-    return Object.assign(await answer.json(), {
-      size: Number(answer.headers.get("content-length")) || undefined,
-    });
+    return Object.assign(await answer.json(), { size: Number(answer.headers.get("content-length")) || undefined });
   }
 
   async post(command) {
