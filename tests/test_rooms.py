@@ -76,6 +76,7 @@ def without(room: str, lines: list[str], files: tuple[str, ...], folder: Path) -
     return [(code, output) for code, output in json.loads(done.stdout)]
 
 
+@pytest.mark.long_but("explore")
 @pytest.mark.parametrize("room", ROOMS)
 def test_without_a_room_the_core_goes_on_and_its_commands_say_what_is_lacking(room: str, tmp_path: Path) -> None:
     lines = [*CORE, *(f"{name} --help" for name in NAMES if home(name) != room)]
