@@ -50,11 +50,8 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup() -> None:
-    """Collect what the test before left; what is there then stays: to look through all of it takes a second.
-
-    Garbage that has grown old within the test is collected, too: frozen, it would stay for ever, 100 MB of a torture.
-    """
-    gc.collect()
+    """Collect what the test before left; what is there then stays: to look through all of it takes a second."""
+    gc.collect(1)
     exempt()
 
 

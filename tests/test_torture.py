@@ -1,6 +1,8 @@
 """Teams under faults, each run decided by its seed: what once failed holds, and a planted bug is found."""
 
+import gc
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,13 @@ from tests.torture.team import Team
 
 DOCS = Path(__file__).parents[1] / "docs"
 FOUND = sorted((Path(__file__).parent / "torture" / "found").glob("*.json"))
+
+
+@pytest.fixture(autouse=True)
+def _collected_teams() -> Iterator[None]:
+    """Collect a team before `pytest_runtest_setup` keeps what is there: it has grown old, with 100 MB."""
+    yield
+    gc.collect()
 
 
 @pytest.mark.long_but("seed_727", "seed_1038104")
