@@ -313,6 +313,11 @@ def test_a_signal_that_is_spelt_in_two_ways_is_told_with_the_other_spelling() ->
     ]
 
 
+def test_it_is_a_warning_that_the_process_of_a_pool_is_compensated_by_nobody() -> None:
+    content, expected = NOTES["a compensation event sub-process of a process that nothing calls"]
+    assert expected in told(team(content), "warning")
+
+
 def test_it_is_a_note_where_others_may_be_at_the_other_end() -> None:
     expected = ["a: throws /done, but nothing in bad.bpmn catches it"]
     for text in (alone(row(throw("a"))), team(row(throw("a")), pools='<participant id="X" name="crowd"/>')):
@@ -373,6 +378,11 @@ ROUND = choice("g") + flow("g", "s1", "more") + flow("g", "e") + flows("s s1 t g
 AGAIN = "t: creates a subscription in each iteration: end the previous one with node.destroySubscription(...)"
 
 NOTES = {
+    "a compensation event sub-process of a process that nothing calls": (
+        row(script("x = 1")) + '<subProcess id="undo" triggeredByEvent="true"><startEvent id="back">'
+        "<compensateEventDefinition/></startEvent></subProcess>",
+        "undo: runs only where a call activity calls this process: it undoes a completed activity",
+    ),
     "a name that becomes a topic": (
         row(script('signal("Order received")')), "t: the name 'Order received' becomes the topic /Order_received"
     ),

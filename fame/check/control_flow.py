@@ -15,10 +15,19 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import islice
 
-from fame.bpmn.model import Activity, Body, Expression, FlowNode, Gateway, SequenceFlow, SubProcess
+from fame.bpmn.model import (
+    Activity,
+    Body,
+    CompensateDefinition,
+    Expression,
+    FlowNode,
+    Gateway,
+    SequenceFlow,
+    SubProcess,
+)
 from fame.check.expressions import cover_all
 from fame.check.graph import FlowGraph, ends_all, graph_of, link_of, may_stop, passes_at_once, passes_in_time
-from fame.check.scope import CheckedProcess, CheckScope, Finding
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 
 _Passes = Callable[[FlowNode], bool]
 """Whether a token certainly passes a node."""
@@ -28,7 +37,10 @@ _Passes = Callable[[FlowNode], bool]
 
 def check_flow(scope: CheckScope) -> Iterator[Finding]:
     """Check the flow nodes of every process and sub-process."""
+    called = scope.called()
     for process in scope.processes:
+        if process not in called:
+            yield from _undone_by_nobody(process, "warning" if scope.has_pool(process) else "note")
         for graph in map(graph_of, process.bodies()):
             yield from _unreached(process, graph)
             yield from _loose_ends(process, graph)
@@ -49,6 +61,15 @@ def _unreached(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
         if part:
             rest = f", nor what follows it ({len(part) - 1})" if len(part) > 1 else ""
             yield process.finding("warning", f"is never reached{rest}: no flow leads here from a start", node)
+
+
+def _undone_by_nobody(process: CheckedProcess, level: Level) -> Iterator[Finding]:
+    """Compensation event sub-processes of a process that nothing calls (standard 10.7.1: they undo an activity)."""
+    for node in process.bpmn.body.nodes:
+        begins = node.body.nodes if isinstance(node, SubProcess) and node.triggered_by_event else ()
+        if any(start.place == "start" and start.defined(CompensateDefinition) for start in begins):
+            text = "runs only where a call activity calls this process: it undoes a completed activity"
+            yield process.finding(level, text, node)
 
 
 def _loose_ends(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
