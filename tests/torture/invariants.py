@@ -160,8 +160,8 @@ def effects(team: Team) -> Iterator[str]:
         last[version] = count if further_back else max(before, count), process, bisect(starts, time)
 
 
-_LOSING = {"cut", "match", "stop", "kill", "migrate", "repair", *DISK_FAULTS}
-"""What separates robots, ends one, or lets a person move the token with what it was about to keep."""
+_LOSING = {"cut", "match", "stop", "kill", "memory", "migrate", "repair", *DISK_FAULTS}
+"""What separates robots, ends one for a while, or lets a person move the token with what it was about to keep."""
 
 
 def order(team: Team) -> Iterator[str]:
