@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from fame.view import PageSource, Server
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from playwright.sync_api import Browser, Page
 
 READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
@@ -30,20 +32,35 @@ def opened(
 
     `blocked`: that its policy has blocked a script of a drawing is no error; `refused`: nor is a refused command.
     """
-    with Server(source) as server:
-        options.setdefault("viewport", {"width": 1280, "height": 720})
-        context = browser.new_context(reduced_motion="reduce", **options)
-        context.add_init_script(f"sessionStorage.getItem('fame-tab') ?? sessionStorage.setItem('fame-tab', '{tab}')")
-        page, wrong = context.new_page(), []
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda message: wrong.append(message.text) if _is_error(message, blocked, refused) else None)
-        page.on("request", lambda one: None if server.address[:17] in one.url else wrong.append(one.url))
-        page.goto(server.address)
-        until(page, READY)
-        try:
-            yield page
-        finally:
-            context.close()
+    with Server(source) as server, _at(browser, server.address, tab, blocked, refused, **options) as page:
+        yield page
+
+
+@contextmanager
+def opened_file(browser: Browser, path: Path, *, tab: str = "diagram", **options: Any) -> Iterator[Page]:
+    """A page that is a file, opened from the disk without a network. Fails as `opened` does."""
+    with _at(browser, path.as_uri(), tab, offline=True, **options) as page:
+        yield page
+
+
+@contextmanager
+def _at(
+    browser: Browser, address: str, tab: str, blocked: bool = False, refused: bool = False, **options: Any
+) -> Iterator[Page]:
+    options.setdefault("viewport", {"width": 1280, "height": 720})
+    context = browser.new_context(reduced_motion="reduce", **options)
+    context.add_init_script(f"sessionStorage.getItem('fame-tab') ?? sessionStorage.setItem('fame-tab', '{tab}')")
+    page, wrong = context.new_page(), []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda message: wrong.append(message.text) if _is_error(message, blocked, refused) else None)
+    here = address if address.startswith("file:") else address[:17]
+    page.on("request", lambda one: None if here in one.url else wrong.append(one.url))
+    page.goto(address)
+    until(page, READY)
+    try:
+        yield page
+    finally:
+        context.close()
     assert not wrong, wrong
 
 

@@ -44,6 +44,7 @@ SECOND = 1_000_000_000
 _EXAMPLES = (
     "fame view run.mcap",
     "fame view run.mcap --port 8080 --no-open",
+    "fame view run.mcap -o run.html",
     "fame view run.mcap --branch 12.5",
     "fame view run.mcap --monitor joint_monitor.skops --config low_pass.yaml --namespace Arm",
     "fame view out/runs",
@@ -57,6 +58,10 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "subject", type=Path, nargs="?", metavar="RUN.mcap|FOLDER|MODEL.bpmn|SCENARIO.yaml",
         help="what to show (of a folder: heat maps of all its recordings); without it, the team on the network",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="RUN.html",
+        help="write RUN.mcap as one page that needs no server: to send it, or for a site",
     )  # fmt: skip
     parser.add_argument(
         "--branch", type=positive, metavar="S",
@@ -133,6 +138,8 @@ def run(arguments: Namespace) -> int:
     """Serve the page until Ctrl-C."""
     path = arguments.subject
     _refuse_inputs(arguments)
+    if arguments.output is not None:
+        return _write(arguments)
     if path is None:
         return _team(arguments)
     for name in ("control", "allow", "change", "robot"):
@@ -150,6 +157,19 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
+def _write(arguments: Namespace) -> int:
+    """Write a recording as a page that is one file."""
+    from fame.view.page_file import write_page
+
+    path = arguments.subject
+    if path is None or path.suffix.lower() != ".mcap" or arguments.branch is not None:
+        raise ConfigError("--output writes a recording (RUN.mcap) as a page, without --branch", file=str(path or ""))
+    with _replay(path, arguments) as replay:
+        write_page(arguments.output, replay)
+    print(f"{arguments.output}: {arguments.output.stat().st_size / 1e6:.1f} MB")
+    return 0
+
+
 def _refuse_inputs(arguments: Namespace) -> None:
     """Raise ConfigError for options of monitors that would do nothing."""
     path, given = arguments.subject, [name for name in ("config", "namespace") if getattr(arguments, name, None)]
@@ -162,7 +182,7 @@ def _refuse_inputs(arguments: Namespace) -> None:
 
 def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
     """The viewer of a file or folder. Raises ConfigError for one that cannot be shown."""
-    from fame.view import HeatMap, ModelWatch, Replay
+    from fame.view import HeatMap, ModelWatch
 
     if path.is_dir():
         return HeatMap(path, show=partial(_page_of_run, arguments))
@@ -172,8 +192,15 @@ def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
     if kind != ".mcap":
         expected = "a recording (.mcap), a model (.bpmn) or a scenario (.yaml)"
         raise ConfigError(f"expected {expected}, got {kind!r}", file=str(path))
+    return _replay(path, arguments, branch=partial(_branch_of_page, arguments))
+
+
+def _replay(path: Path, arguments: Namespace, **options: Any) -> Replay:
+    """The viewer of a recording."""
+    from fame.view import Replay
+
     monitor = None if arguments.monitor is None else load(MONITOR_ON_PAGE)(arguments.monitor, path, arguments)
-    replay = Replay(path, branch=partial(_branch_of_page, arguments), monitor=monitor)
+    replay = Replay(path, monitor=monitor, **options)
     for notice in replay.notices:
         print(f"fame: {notice}", file=sys.stderr, flush=True)
     return replay

@@ -13,6 +13,7 @@ import { Heat } from "./heat.js";
 import { Inspector } from "./inspector.js";
 import { Panes } from "./panes.js";
 import { Player } from "./player.js";
+import { source } from "./source.js";
 import { Steer } from "./steer.js";
 import { Store, TAKE } from "./store.js";
 import { Tabs } from "./tabs.js";
@@ -20,12 +21,10 @@ import { Team } from "./team.js";
 import { Timeline } from "./timeline.js";
 import { World } from "./world.js";
 
-const base = new URL(".", location.href);
 const PATIENCE = 250; // ms until the page says that it loads a part of the run
 const REST = 150; // ms after the cursor was moved in which nothing else is loaded
 const PAINT = 40; // ms in which the browser paints what a jump has changed
 const SOON = 200; // ms until what was loaded elsewhere is seen
-const SILENCE = 5000; // ms without a message, of which one comes each second, after which what is live is not known
 
 const KEYS = [
   ["Space", "play, pause"],
@@ -111,17 +110,12 @@ export class App {
     this.keys();
   }
 
-  async fetch(path) {
-    const answer = await fetch(new URL(path, base));
-    if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-    return Object.assign(await answer.json(), { size: Number(answer.headers.get("content-length")) || undefined });
+  fetch(path) {
+    return source.fetch(path);
   }
 
-  async post(command) {
-    const answer = await fetch(new URL("control", base), { method: "POST", body: JSON.stringify(command) });
-    const found = await answer.json().catch(() => ({ error: "the server has ended" }));
-    if (!answer.ok) throw new Error(found.error);
-    return found;
+  post(command) {
+    return source.post(command);
   }
 
   // ---- the mission -------------------------------------------------------------------------------
@@ -129,7 +123,7 @@ export class App {
   async start() {
     await this.load(await this.fetch("mission.json"));
     this.fromLink();
-    this.listen();
+    source.listen(this);
     // the address may be replaced meanwhile
     addEventListener("hashchange", (event) => this.fromLink(new URL(event.newURL).hash));
     this.inspector.warm();
@@ -221,27 +215,6 @@ export class App {
 
   controlKey() {
     return `${JSON.stringify(this.control.status)}${[...this.breakpoints]}`;
-  }
-
-  /** What comes while the page is open. */
-  listen() {
-    const address = new URL("live", base);
-    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
-    const socket = new WebSocket(address);
-    let heard = performance.now();
-    const watch = setInterval(() => {
-      if (this.mission.kind === "live" && !this.gone && performance.now() - heard > SILENCE)
-        this.disconnected("Nothing comes from fame view any more. The page shows the last state.");
-    }, 1000);
-    socket.onmessage = ({ data }) => {
-      heard = performance.now();
-      if (this.gone) this.disconnected("");
-      this.news(JSON.parse(data));
-    };
-    socket.onclose = () => {
-      clearInterval(watch);
-      this.disconnected("The connection to fame view has ended. The page shows the last state.");
-    };
   }
 
   /** Say that what is shown may have changed since; or nothing any more: the connection is there again. */
