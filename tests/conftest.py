@@ -18,7 +18,7 @@ import pytest
 from domains import DOMAIN
 from started import end_processes, mark
 
-from fame.gc_tuning import exempt, readmit, uncollected
+from fame.gc_tuning import MemoryGrowth, exempt, readmit, uncollected
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parent.parent
 LEARNS = re.compile(rb"fame\.monitor|skops|sklearn|monitor_runs|own_data|fuzz")
 """What is named in files of tests that load scikit-learn."""
+MEMORY = MemoryGrowth()
 
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # hundreds of processes would compile FAME, each for itself
     sys.dont_write_bytecode = False
@@ -50,8 +51,10 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup() -> None:
-    """Collect what the test before left; what is there then stays: to look through all of it takes a second."""
+    """Collect what the test before left; the rest is looked through, which takes a second, when there is much more."""
     gc.collect(1)
+    readmit()
+    MEMORY.collect()
     exempt()
 
 
