@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import re
+from base64 import b64decode
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from bpmn_text import process
@@ -40,9 +43,9 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(Scenario.load(model, duration=1), model.with_suffix(".mcap"))
 
 
-def written(recording: Path) -> Path:
+def written(recording: Path, *words: str) -> Path:
     path = recording.with_suffix(".html")
-    assert main(["view", str(recording), "-o", str(path)]) == 0
+    assert main(["view", str(recording), "-o", str(path), *words]) == 0
     return path
 
 
@@ -78,6 +81,129 @@ def test_only_a_recording_becomes_a_file(capsys: pytest.CaptureFixture[str], tmp
         assert main(["view", *words, "-o", str(tmp_path / "run.html")]) == 2
         assert "--output writes a recording (RUN.mcap) as a page, without --branch" in capsys.readouterr().err
     assert not (tmp_path / "run.html").exists()
+
+
+# ---- what is in it ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def agriculture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("agriculture") / "run.mcap"
+    return record(Scenario.load(EXAMPLES / "agriculture.yaml", duration=20), path)
+
+
+def parts(page: Path) -> dict[str, Any]:
+    """What a page has, unpacked."""
+    found = re.findall(r'<script type="text/plain" id="([^"]+)">([^<]*)</script>', page.read_text())
+    return {name: json.loads(gzip.decompress(b64decode(packed))) for name, packed in found}
+
+
+def blocks(page: Path) -> list[dict[str, Any]]:
+    return [part for name, part in parts(page).items() if name.startswith("block/")]
+
+
+def test_what_is_in_the_file_is_listed(agriculture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(agriculture)
+    said = capsys.readouterr()
+    assert re.fullmatch(r".*run\.html: \d\.\d MB\n", said.out)
+    lines = dict(line.partition(": ")[::2] for line in said.err.splitlines()[1:])
+    assert lines["models"].startswith("agriculture.bpmn, TakeOff.bpmn")
+    assert lines["robots"] == "Drone, Tractor_1, Tractor_2, Tractor_3"
+    assert re.search(r"\bto_goal \(\d+\)", lines["variables"])
+    assert re.search(r"/weed_found \(\d\)", lines["messages"])
+    assert lines["log"] == "none"
+    assert lines["scripts"] == "of 23 elements"
+
+
+@pytest.mark.parametrize(
+    ("kind", "left"),
+    [
+        ("variables", {"variables": False, "messages": True, "poses": True, "properties": True}),
+        ("messages", {"variables": True, "messages": False, "poses": True, "properties": True}),
+        ("world,properties", {"variables": True, "messages": True, "poses": False, "properties": False}),
+    ],
+)
+def test_what_is_left_out_is_nowhere_in_the_file_which_says_so(
+    agriculture: Path, kind: str, left: dict[str, bool]
+) -> None:
+    page = written(agriculture, "--without", kind)
+    found = blocks(page)
+    assert {name: any(block[name] for block in found) for name in left} == left
+    keys = {"variables": "variables", "poses": "poses"}
+    assert all(any(block["key"][keys[name]] for block in found) == left[name] for name in keys)
+    assert parts(page)["mission.json"]["notices"] == [f"Not in this file: {', '.join(sorted(kind.split(',')))}."]
+    assert any(block["t"] for block in found)
+
+
+def test_messages_of_one_topic_are_left_out(agriculture: Path) -> None:
+    found = blocks(written(agriculture, "--without", "/weed_found"))
+    assert {row[1] for block in found for row in block["messages"]} == {
+        "/weed_position",
+        "/tractor_position",
+        "/closest_tractor",
+    }
+
+
+def test_lines_of_the_log_scripts_and_the_command_are_left_out(small: Path) -> None:
+    for words, some in (((), True), (("--without", "log,scripts", "--without", "command"), False)):
+        found = parts(written(small, *words))
+        mission, block = found["mission.json"], found["block/0.json"]
+        assert any(text.startswith("</script>") for text in block["d"].values()) == some
+        assert "completed" in block["d"].values()  # by the place of its event
+        assert block["w"][int(next(at for at, text in block["d"].items() if text == "completed"))] == 6
+        assert any("script" in element for element in mission["elements"]) == some
+
+
+def test_nothing_is_left_out_that_the_recording_does_not_have(
+    agriculture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(agriculture), "-o", str(agriculture.with_name("not.html")), "--without", "/weeds"]) == 2
+    assert "--without /weeds: expected variables, messages, world" in capsys.readouterr().err
+    assert main(["view", str(agriculture), "--without", "log"]) == 2
+    assert "--without is for a page that is written" in capsys.readouterr().err
+
+
+def test_a_file_that_would_be_too_large_is_thinned_and_says_of_what(
+    agriculture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = written(agriculture)
+    values = {
+        at: [state(block, at) for block in blocks(whole) if block["start"] <= at][-1]
+        for at in range(0, 20 * 10**9, 4 * 10**9)
+    }
+    length = len(whole.read_bytes())
+    thin = written(agriculture, "--size", str((length - 30_000) / 1e6))
+    assert len(thin.read_bytes()) <= length - 30_000
+    notice = parts(thin)["mission.json"]["notices"][0]
+    span = re.fullmatch(r"Thinned to a value each (\d|0\.\d) s: positions, variables .*\bto_goal\b.*\.", notice)
+    assert span
+    assert notice in capsys.readouterr().err
+    assert float(span[1]) in (0.2, 0.5, 1)
+    assert {at: [state(block, at) for block in blocks(thin) if block["start"] <= at][-1] for at in values} == values
+    assert [block["t"] for block in blocks(thin)] == [block["t"] for block in blocks(whole)]
+    assert [block["waits"] for block in blocks(thin)] == [block["waits"] for block in blocks(whole)]
+
+
+def state(block: dict[str, Any], at: int) -> list[object]:
+    """Variables and positions just before an instant."""
+    variables = {
+        (r, s): {name: value for name, (value, _) in values.items()} for r, s, values in block["key"]["variables"]
+    }
+    for time, r, s, values, gone in block["variables"]:
+        if time < at and values is None:
+            variables.pop((r, s), None)
+        elif time < at:
+            known = variables.setdefault((r, s), {})
+            known |= values
+            for name in gone:
+                known.pop(name, None)
+    poses = dict(block["key"]["poses"]) | {r: pose for time, r, pose in block["poses"] if time < at}
+    return [variables, poses]
+
+
+def test_what_cannot_be_thinned_enough_is_written_and_said(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(small, "--size", "0.1")
+    assert "larger than 0.1 MB: events and what tokens wait for are not thinned" in capsys.readouterr().err
 
 
 # ---- in a browser ----------------------------------------------------------------------------------------------------

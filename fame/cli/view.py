@@ -64,6 +64,18 @@ def add(commands: Commands) -> None:
         help="write RUN.mcap as one page that needs no server: to send it, or for a site",
     )  # fmt: skip
     parser.add_argument(
+        "--without", action="append", default=[], metavar="KIND[,...]",
+        help="-o: leave out what is private: variables, messages, log, world, properties, scripts, command, or "
+        "what was published on a /topic; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--size",
+        type=positive,
+        default=25,
+        metavar="MB",
+        help="-o: thin what changes often until the page has this size (25)",
+    )
+    parser.add_argument(
         "--branch", type=positive, metavar="S",
         help="repeat the recorded run to simulated second S, and continue it differently in the browser",
     )  # fmt: skip
@@ -140,6 +152,8 @@ def run(arguments: Namespace) -> int:
     _refuse_inputs(arguments)
     if arguments.output is not None:
         return _write(arguments)
+    if arguments.without:
+        raise ConfigError("--without is for a page that is written: fame view RUN.mcap -o RUN.html")
     if path is None:
         return _team(arguments)
     for name in ("control", "allow", "change", "robot"):
@@ -164,9 +178,13 @@ def _write(arguments: Namespace) -> int:
     path = arguments.subject
     if path is None or path.suffix.lower() != ".mcap" or arguments.branch is not None:
         raise ConfigError("--output writes a recording (RUN.mcap) as a page, without --branch", file=str(path or ""))
+    without = [word for words in arguments.without for word in words.split(",") if word]
     with _replay(path, arguments) as replay:
-        write_page(arguments.output, replay)
-    print(f"{arguments.output}: {arguments.output.stat().st_size / 1e6:.1f} MB")
+        write_page(arguments.output, replay, without=without, size=arguments.size * 1e6, tell=note)
+    written = arguments.output.stat().st_size
+    print(f"{arguments.output}: {written / 1e6:.1f} MB")
+    if written > arguments.size * 1e6:
+        note(f"larger than {arguments.size:g} MB: events and what tokens wait for are not thinned")
     return 0
 
 

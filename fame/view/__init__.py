@@ -11,7 +11,7 @@ plain ES modules and CSS, without a build step.
     forms      forms of tasks and messages
     people     what a person with an address of their own may do
     sink       blocks of what would be recorded
-    replay     the source of a recording; page_file: that as one file
+    replay     the source of a recording; page_file: that as one file, with its page_content
     live       the source of a run in this process; control: commands of its page; steering: velocity commands
     team       the source of a team on the network
     watch      the source of a model while it is drawn
