@@ -183,7 +183,7 @@ def parse_cycle(text: str, zone: tzinfo = UTC) -> Cycle:
         start = parse_datetime(match[2], zone)
         duration = _duration_or_until(start, match[3], zone)
     if repetitions == 0:
-        raise ValueError(f"{text!r} repeats never: give R1 or more, or R for without end")
+        raise ValueError(f"{text!r} never repeats: give R1 or more, or R for without end")
     if duration == Duration():
         raise ValueError(f"{text!r} repeats without letting time pass: its duration has to be longer than zero")
     return Cycle(duration, repetitions, start, end)

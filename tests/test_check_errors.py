@@ -137,17 +137,17 @@ ERRORS = {
         "t: the payload does not fit: std_srvs/srv/SetBool_Request: on: there is no such field; "
         "those of std_srvs/srv/SetBool_Request are data",
     ),
-    "a duration that is none": (
+    "an invalid duration": (
         row(timer("intermediateCatchEvent", "timeDuration", "2s")),
         "w: timer duration: '2s' is not an ISO 8601 duration such as PT1.5S, PT10M or P1DT12H",
     ),
-    "a date that is none": (
+    "an invalid date": (
         row(timer("intermediateCatchEvent", "timeDate", "tomorrow")),
         "w: timer date: 'tomorrow' is not an ISO 8601 date and time such as 2026-01-31T12:00:00Z",
     ),
-    "a cycle that is none": (
+    "an invalid cycle": (
         timer("startEvent", "timeCycle", "R0/PT1S") + ends("e") + flows("w e"),
-        "w: timer cycle: 'R0/PT1S' repeats never: give R1 or more, or R for without end",
+        "w: timer cycle: 'R0/PT1S' never repeats: give R1 or more, or R for without end",
     ),
     "a process that calls itself without end": (
         row(script("x = 1"), call("again", "P")),

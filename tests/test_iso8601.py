@@ -220,7 +220,7 @@ def test_delays_of_a_cycle_with_dates_or_months_count_from_now() -> None:
         ("R3", "is not an ISO 8601 cycle"),
         ("R-1/PT5S", "is not an ISO 8601 cycle"),
         ("0 0 * * *", "is not an ISO 8601 cycle"),
-        ("R0/PT5S", "repeats never"),
+        ("R0/PT5S", "never repeats"),
         ("R/PT0S", "longer than zero"),
         ("R/-PT5S", "negative"),
         ("R/2026-01-01/-PT5S", "negative"),

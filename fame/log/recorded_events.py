@@ -67,7 +67,7 @@ def count_instances(rows: Iterable[EventRow]) -> int:
 
 
 def dated(time: str, robot: str, instance: str, element: str, what: str, detail: Any = None) -> dict[str, Any]:
-    """Return a row with a date, to be `timed`. Raises ValueError for a text that is none."""
+    """Return a row with a date, to be `timed`. Raises ValueError for another text."""
     date = parse_datetime(time)
     return {"time": date, "robot": robot, "instance": instance, "element": element, "what": what, "detail": detail}
 

@@ -241,7 +241,7 @@ _EQUAL = re.compile(r"\s*[^\s#]+\s+[^#]*=")
 
 
 def _constant(base: str, name: str, text: str) -> Any:
-    """A constant as rosidl_adapter reads it, as a default. Raises ValueError for one that is none of its type."""
+    """A constant as rosidl_adapter reads it, as a default. Raises ValueError for one of another type."""
     from fame.middleware.primitives import Misfit, converter
 
     try:
@@ -270,7 +270,7 @@ def _default_of(field: Field, text: str, type: str) -> Any:
 
 
 def _default_item(base: str, text: str) -> Any:
-    """One value; a text that is none of its type is refused later, with the class of the message."""
+    """One value; a text of another type is refused later, with the class of the message."""
     if base == "string":
         quote = text[:1] if text[:1] in ("'", '"') and text[-1:] == text[:1] else ""
         return text[1:-1].replace(f"\\{quote}", quote) if quote else text
