@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from grounds import Ground
 
-from fame.errors import MissionError
+from fame.errors import ConfigError, MissionError
 from robots.arm.bench import LID, MOTOR
 from robots.arm.dynamics import GRAVITY, HOME, UR5E, friction, inertia_matrices, inverse_dynamics
 from robots.arm.kinematics import forward, sampled, straight
@@ -248,6 +248,15 @@ def test_runs_differ_in_length_by_the_time_of_planning():
 
 def world(seed: int = 1) -> Ground:
     return Ground({"size": [2, 2], "step": 0.002, "robots": {"Arm": {"type": "ur5e", "at": [1, 1]}}}, seed)
+
+
+def test_without_a_bench_there_is_an_arm_alone():
+    robot = {"type": "ur5e", "at": [1, 1], "bench": False}
+    arm = Ground({"size": [2, 2], "step": 0.002, "robots": {"Arm": robot}}, 1).world.robots["Arm"]
+    assert arm.appearance.workpieces == []
+    with pytest.raises(ConfigError, match="unknown fault 'blocked_lid' of Arm"):
+        arm.fault("blocked_lid")
+    assert not arm.machine.grip(shut=True)  # type: ignore[attr-defined]
 
 
 def test_joint_states_come_at_the_rate_of_the_arm_with_its_names():

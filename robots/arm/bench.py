@@ -39,7 +39,10 @@ SLIDING = 0.6
 
 
 class Bench:
-    """The state of the bench. `random` draws what varies from run to run. `held_down`: a person holds the lid down."""
+    """The state of the bench. `random` draws what varies from run to run. `held_down`: a person holds the lid down.
+
+    With the `lid` "none" there are neither a lid nor a motor.
+    """
 
     def __init__(self, random: np.random.Generator, payload: float = 0.0) -> None:
         """`payload` is the relative deviation of the lid's mass."""
@@ -49,7 +52,7 @@ class Bench:
         self._mass = LID * random.normal(1.0, payload)
         self._bevel = -math.sin(BEVEL) * np.array([math.cos(bearing), math.sin(bearing), 0.0])
         self._bevel[2] = math.cos(BEVEL)
-        self.lid: Literal["motor", "table", "jaws", "floor"] = "motor"
+        self.lid: Literal["motor", "table", "jaws", "floor", "none"] = "motor"
         self.jaws: Literal["open", "holding", "slipping", "shut"] = "open"
         self.held_down = False
         self._hang = 0.0

@@ -53,6 +53,7 @@ class HandlerParameters:
     rate: float = parameter(500.0, "Hz", above=0)
     base: float = parameter(0.15, "m, side of the base", above=0)
     mass: float = parameter(20.6, "kg", above=0)
+    bench: bool = parameter(True, "(the arm stands at a motor with a lid, beside a table)")
     variation: RunVariation = TYPICAL
 
 
@@ -75,6 +76,8 @@ class UR5e:
         self._every = period(p.rate, world.step)
         generators = Generators(*(world.random(config.name, name) for name in Generators._fields))
         self.machine = ControlledArm(UR5E, HOME, self._every * world.step, generators, p.variation)
+        if not p.bench:
+            self._bench.lid = "none"
         self._silent = self._stopped = False
         self._dropped: Point = (0.0, 0.0)
         self._node = node = world.middleware.node("robot", config.name)
@@ -106,6 +109,8 @@ class UR5e:
 
     def _workpieces(self, tool: Point) -> list[Workpiece]:
         """The motor, the place on the table, and the lid on either, between the jaws, or where it fell."""
+        if self._bench.lid == "none":
+            return []
         motor, table = ((float(place[0]), float(place[1])) for place in (MOTOR, TABLE))
         lid = {"motor": motor, "table": table, "jaws": tool}.get(self._bench.lid, self._dropped)
         fixtures = [Workpiece("fixture", disc(place, 0.085)) for place in (motor, table)]
@@ -142,7 +147,8 @@ class UR5e:
     def fault(self, kind: str) -> None:
         """`blocked_shoulder`: a person pushes joint 0, then blocks it, for some seconds; `blocked_lid`: a person holds
         the lid on the motor until the gripper slips off; `encoders`: no more joint states."""
-        check_fault(self.name, self.type, kind, self.FAULTS)
+        known = tuple(one for one in self.FAULTS if one != "blocked_lid" or self._bench.lid != "none")
+        check_fault(self.name, self.type, kind, known)
         if kind == "blocked_shoulder":
             self.machine.obstruct_shoulder()
         elif kind == "blocked_lid":

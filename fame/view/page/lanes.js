@@ -58,15 +58,15 @@ export class Lanes {
   }
 
   /**
-   * Lanes of a number of robots, with bars of some levels: {r, top, height, depths: the first row of each depth}.
+   * Lanes of robots in an order, by robot, with bars of some levels: {r, top, height, depths: the first row of each}.
    *
-   * @param {number} robots @param {number} levels
+   * @param {number[]} order @param {number} levels
    */
-  of(robots, levels) {
+  of(order, levels) {
     /** @type {Lane[]} */
     const found = [];
     let top = 0;
-    for (let r = 0; r < robots; r += 1) {
+    for (const r of order) {
       /** @type {number[]} */
       const depths = [];
       let rows = 0;
@@ -77,7 +77,7 @@ export class Lanes {
         rows += Math.min(MOST_ROWS, 1 + Math.max(0, ...known.values()));
       }
       const height = Math.max(Math.max(rows, 1) * ROW + 2 * PAD, LANE);
-      found.push({ r, top, height, depths });
+      found[r] = { r, top, height, depths };
       top += height;
     }
     return found;
