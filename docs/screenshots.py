@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 ROOT = Path(__file__).parent.parent
-READY = "!!(window.fame && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
+READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
 
 
 class Shot(NamedTuple):

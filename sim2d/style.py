@@ -31,8 +31,8 @@ PARCEL_SIZE = 0.3
 DOOR = "#b03a2e"
 STUBBLE = "#d9cfae"
 """A cut weed; its edge has the colour of the robot that cut it."""
-ROBOTS = ("#2364c9", "#d9630b", "#1f8a4c", "#8a3ab9", "#0d8fa3", "#c2257e", "#6b6f1a", "#7a4a2b")
-"""One colour for each robot, in the order of the file, cyclic."""
+ROBOTS = ("#2364c9", "#b04b05", "#1a7841", "#8a3ab9", "#0a707f", "#c2257e", "#65691a", "#7a4a2b")
+"""One colour for each robot, in the order of the file, cyclic: those of the page (fame/view/page/dom.js)."""
 LEDS: Mapping[str, str] = {
     "red": "#ff1f1f",
     "green": "#16d943",

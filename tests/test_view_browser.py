@@ -131,6 +131,41 @@ def test_the_drawing_has_a_disc_for_each_token_of_the_mission(page: Page) -> Non
     assert shown == expected > 0
 
 
+def test_a_diagram_that_would_be_too_small_opens_on_a_pool_with_an_overview_of_the_whole(page: Page) -> None:
+    until(page, "!fame.diagram.opening && fame.diagram.view.scale >= 0.9")
+    overview = page.locator("canvas.whole")
+    assert overview.is_visible()
+    before = page.evaluate("fame.diagram.view.sight()")
+    overview.click(position={"x": 2, "y": 2})
+    box = overview.bounding_box()
+    assert box is not None
+    overview.click(position={"x": box["width"] - 2, "y": box["height"] - 2})
+    after = page.evaluate("fame.diagram.view.sight()")
+    assert after[0] > before[0] + 100
+    page.keyboard.press("f")
+    until(page, "fame.diagram.overview.canvas.hidden")
+
+
+def test_robots_that_have_not_begun_say_what_they_wait_for(page: Page) -> None:
+    page.evaluate("fame.tabs.choose('team'); fame.player.seek(1e9)")
+    until(page, "fame.team.shown === 1e9")
+    states = page.locator(".robot .state").all_inner_texts()
+    assert [" ".join(state.split()) for state in states] == ["running", *["waits for weed_position"] * 3]
+    page.evaluate("fame.tabs.choose('diagram')")
+    until(page, "document.querySelector('#inspector').innerText.includes('waits for weed_position')")
+
+
+def test_the_names_of_small_shapes_are_cut_or_left_out(page: Page) -> None:
+    left_out = "[...document.querySelectorAll('.drawing g:not(.frame):not(.dot) > text')].filter((one) => one.hasAttribute('hidden')).length"
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.wait_for_timeout(100)
+    page.evaluate("fame.diagram.fit()")
+    until(page, "fame.diagram.current.level < 0.3")
+    cut = page.evaluate(left_out)
+    page.get_by_title("Names at small zoom, cut short").click()
+    assert page.evaluate(left_out) > cut
+
+
 def test_the_cursor_goes_from_event_to_event(page: Page) -> None:
     page.evaluate("fame.player.seek(30e9)")
     before = page.evaluate("fame.player.time")

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from sim2d.style import ROBOTS
+
 PAGE = Path(__file__).parent.parent / "fame" / "view" / "page"
 ON_PANELS = ("ink", "muted", "accent", "completed", "failed", "cancelled", "active", "warning", "note", "arrow")
 PAIRS = (
@@ -42,6 +44,13 @@ def contrast(one: str, other: str) -> float:
 def test_texts_are_in_contrast_to_what_they_are_on(theme: str, pair: tuple[str, str]) -> None:
     colours = variables(theme)
     assert contrast(colours[pair[0]], colours[pair[1]]) >= 4.5
+
+
+def test_pictures_and_films_have_the_colours_of_the_page() -> None:
+    script = (PAGE / "dom.js").read_text(encoding="utf-8")
+    listed = re.search(r"const LIGHT = \[(.*?)\]", script)
+    assert listed is not None
+    assert tuple(re.findall(r"#[0-9a-f]{6}", listed[1])) == ROBOTS
 
 
 @pytest.mark.parametrize(("name", "ground"), [("LIGHT", "#f6f4ee"), ("DARK", "#20242a")])

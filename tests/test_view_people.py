@@ -297,6 +297,8 @@ def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it
     page.set_viewport_size({"width": 1440, "height": 900})
     for tab in ("team", "diagram"):
         page.evaluate(f"fame.tabs.choose('{tab}')")
+        page.wait_for_timeout(100)
+        page.evaluate("fame.diagram.fit()")
         until(page, f"{SIZES}.every(([, size]) => size >= 9)")
         assert page.evaluate(f"({OVERLAPPING})(fame.world.written)") == []
     assert page.evaluate(ELSEWHERE) == []
@@ -310,6 +312,8 @@ def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it
 def test_a_chosen_robot_fills_the_diagram_and_the_details_follow_the_zoom(page: Page) -> None:
     page.evaluate("fame.tabs.choose('diagram')")
     page.wait_for_timeout(300)
+    page.evaluate("fame.diagram.fit()")
+    page.wait_for_timeout(100)
     whole = page.evaluate("fame.diagram.view.scale")
     badges = "document.querySelectorAll('.under .badge').length"
     assert page.evaluate(badges) == 0

@@ -106,6 +106,18 @@ def test_robots_appear_with_their_models_and_tokens(field: Field) -> None:
     assert "Sign" in {one.get("name") for one in mission["elements"]}
 
 
+def test_robots_have_the_order_of_their_names_whichever_came_first(field: Field) -> None:
+    for robot in ("Car_10", "Car_9", "Ada"):
+        field.engine(robot)
+        field.run(1)
+        field.deploy(robot)
+        field.run(2)
+    mission = field.view.mission()
+    names = [one["name"] for one in mission["robots"]]
+    assert names == ["Car_10", "Car_9", "Ada"]
+    assert [names[number] for number in mission["order"]] == ["Ada", "Car_9", "Car_10"]
+
+
 def test_a_robot_that_was_there_before_is_shown_with_what_it_does(field: Field) -> None:
     field.engine("REX")
     field.run(1)
@@ -501,7 +513,11 @@ def test_a_robot_of_whose_instances_one_failed_is_failed_whatever_completed_afte
         for view in (field.view, late):
             with opened(chromium, view, tab="team") as page:
                 until(page, "fame.team.rows.length === 1")
-                assert page.locator(".robot .state").inner_text().split("\n") == ["failed", "1 of 2 instances failed"]
+                assert page.locator(".robot .state").inner_text().split("\n") == [
+                    "failed",
+                    "waits for Bad or Good",
+                    "1 of 2 instances failed",
+                ]
                 shot(page, "failed")
                 assert violations(page) == []
     field.deploy("REX")

@@ -82,7 +82,7 @@ OVERLAPPING = """(boxes) => boxes.filter((a, at) => boxes.slice(at + 1).some((b)
   a[0] < b[0] + b[2] && b[0] < a[0] + a[2] && a[1] < b[1] + b[3] && b[1] < a[1] + a[3]))"""
 """Of boxes [x, y, width, height], those that lie on others."""
 
-_BEYOND = """[...document.querySelectorAll('html, body, body *')].filter((one) => {
+_BEYOND = """[...document.querySelectorAll('html, body, body :not(svg *)')].filter((one) => {
   const { right, width } = one.getBoundingClientRect();
   const whole = /html|body/.test(one.localName) ? one.scrollWidth : 0;
   return width && Math.max(right - 0.5, whole) > innerWidth;
@@ -90,7 +90,7 @@ _BEYOND = """[...document.querySelectorAll('html, body, body *')].filter((one) =
 
 
 def beyond(page: Page) -> list[str]:
-    """What can be seen of the page only by moving it to the side, once it had time to be laid out."""
+    """What can be seen of the page only by moving it to the side, once it was laid out; diagrams are moved."""
     found: list[str] = page.evaluate(_BEYOND)
     for _ in range(100):
         if not found:

@@ -7,7 +7,8 @@ is read up to where it is whole: `Recording.warnings` says so.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from functools import lru_cache
@@ -352,3 +353,13 @@ def scene_values(scene: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]
     for entity in scene["entities"]:
         values = (pair["value"] for pair in entity["metadata"] if pair["key"] in ("appearance", "ground"))
         yield entity["id"], json.loads(next(values, "{}"))
+
+
+def team_order(robots: Iterable[str], bodies: Iterable[str] = ()) -> list[str]:
+    """Return the robots of a team in the order that gives them their colours: those of a world (`bodies`) in its order,
+    then the others by name, numbers in it as numbers."""
+    return list(dict.fromkeys((*bodies, *sorted(robots, key=_by_number))))
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]

@@ -12,7 +12,7 @@ from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.log.conversion import models_of
-from fame.log.recording import Recording
+from fame.log.recording import Recording, team_order
 from fame.robot import Event
 from fame.scenario.film_captions import Captions
 
@@ -66,7 +66,8 @@ def read_run(source: str | Path) -> FilmedRun:
             raise ConfigError(f"has scenes of another form: {error!r}", file=str(source)) from None
         models, last = models_of(recording), recording.state(recording.end)
         known = {process.id: process for file in models for process in file.processes}
-        cast = {name: known[robot.process] for name, robot in last.robots.items() if robot.process in known}
+        team = ((name, last.robots[name]) for name in team_order(last.robots))
+        cast = {name: known[robot.process] for name, robot in team if robot.process in known}
         captions = Captions(models, cast)
         events = list(recording.events())
         for event in events:

@@ -100,6 +100,12 @@ class Catalogue:
         pools = (pool for pool in self.files[file].participants if pool.process == element.id)
         return next((self._number[file, pool.id] for pool in pools), NOWHERE)
 
+    def starts_of(self, process: int) -> list[int]:
+        """Return the events of which a process waits for one before it begins; none if it begins at once."""
+        file, element, _ = self.elements[process]
+        starts = element.body.events("start") if isinstance(element, Process) else ()
+        return [self._number[file, event.id] for event in starts] if all(event.definitions for event in starts) else []
+
     def number(self, file: int, id: str) -> int:
         """Return the number of an element of a file, which is added if the file does not have it."""
         found = self._number.get((file, id))

@@ -14,6 +14,7 @@ from fame.errors import ConfigError, FameError
 from fame.log import Recording
 from fame.log.channels import EVENTS, VARIABLES
 from fame.log.recorder import Recorder
+from fame.log.recording import team_order
 from fame.scenario import Scenario
 from fame.scenario.run import Run
 from fame.view.catalogue import Catalogue
@@ -31,7 +32,8 @@ class LiveRun(PageSink):
     """The source of a page that shows a run. `observer` and `control` are for `Scenario.run`."""
 
     def __init__(self, scenario: Scenario, control: RunControl, *, title: str = "") -> None:
-        super().__init__(Catalogue(scenario.closures(), scenario.library.find), list(scenario.cast))
+        bodies = [robot.name for robot in scenario.world.robots] if scenario.world is not None else []
+        super().__init__(Catalogue(scenario.closures(), scenario.library.find), team_order(scenario.cast, bodies))
         self.control_of_run = control
         self._title = title or Path(scenario.file).stem
         self._scenario = scenario

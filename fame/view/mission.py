@@ -29,12 +29,14 @@ def mission_json(
 ) -> dict[str, Any]:
     """Return what a page shows besides blocks. `kind`: ``recording``, ``live`` or ``model``;
     `more` is added as it is."""
+    names = list(robots)
     return {
         "kind": kind,
         "title": title,
         "chips": list(chips),
         "notices": list(notices),
-        "robots": [{"name": robot, "pool": pool_of(catalogue, robot)} for robot in robots],
+        "robots": [{"name": robot, **role_of(catalogue, robot)} for robot in names],
+        "order": [*range(len(names))],
         "elements": catalogue.elements_json(),
         "planes": catalogue.planes_json(),
         "types": catalogue.types_json(),
@@ -49,23 +51,24 @@ def mission_json(
     }
 
 
-def place_of(packer: Packer, robot: int, process: str) -> dict[str, int]:
-    """Return the drawing and the pool of the process (id) that a robot runs."""
+def place_of(packer: Packer, robot: int, process: str) -> dict[str, Any]:
+    """Return the drawing, the pool and the start events of the process (id) that a robot runs."""
     catalogue, number = packer.catalogue, packer.element(robot, process)
     if number == NOWHERE:
         return {"plane": NOWHERE, "pool": NOWHERE}
-    return {"plane": catalogue.plane_of(number), "pool": catalogue.pool_of(number)}
+    pool, starts = catalogue.pool_of(number), catalogue.starts_of(number)
+    return {"plane": catalogue.plane_of(number), "pool": pool, "starts": starts}
 
 
-def pool_of(catalogue: Catalogue, robot: str) -> int:
-    """Return the number of the pool that a robot plays."""
+def role_of(catalogue: Catalogue, robot: str) -> dict[str, Any]:
+    """Return the pool that a robot plays, and its start events, by number."""
     for number, definitions in enumerate(catalogue.files[:1]):
         try:
             pools = pools_of(definitions)
         except FameError:
-            return NOWHERE
+            break
         for pool in pools:
             if matches(robot, pool):
-                found = next((one.id for one in definitions.participants if one.process == pool.process.id), "")
-                return catalogue.number(number, found) if found else NOWHERE
-    return NOWHERE
+                process = catalogue.number(number, pool.process.id)
+                return {"pool": catalogue.pool_of(process), "starts": catalogue.starts_of(process)}
+    return {"pool": NOWHERE}

@@ -20,7 +20,7 @@ from fame.fast_json import json_value
 from fame.gc_tuning import exempt, readmit
 from fame.log import Recording
 from fame.log.channels import CLOCKS, EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
-from fame.log.recording import RecordedMessage
+from fame.log.recording import RecordedMessage, team_order
 from fame.log.team_state import shift_times
 from fame.view.blocks import Block, BlockStore, Packer
 from fame.view.catalogue import NOWHERE, Catalogue
@@ -144,7 +144,7 @@ class Replay(Closing):
 
     def _drawings(self, robot: str) -> dict[str, Any]:
         """The pool of a robot with models of its own, and its drawings by the time (ns) after which each is shown."""
-        packer, places = Packer(self.catalogue, [robot]), list[tuple[int, dict[str, int]]]()
+        packer, places = Packer(self.catalogue, [robot]), list[tuple[int, dict[str, Any]]]()
         for run in reversed(self._runs):
             if run.robot == robot:
                 packer.run(0, run.files)
@@ -153,8 +153,7 @@ class Replay(Closing):
 
     def _robots(self) -> list[str]:
         """The robots: those of the world in its order, which gives them their colours, then the others."""
-        seen = self._recording.world(self._recording.end)
-        return list(dict.fromkeys((*seen, *self._recording.robots)))
+        return team_order(self._recording.robots, self._recording.world(self._recording.end))
 
     def _read(self) -> None:
         recording, packer = self._recording, self._packer

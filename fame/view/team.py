@@ -26,6 +26,7 @@ from fame.deploy.requests import ACTS, TaskClient, TaskRequest
 from fame.deploy.sender import Sender
 from fame.errors import FameError, ModelError
 from fame.log.live_team import RESTARTED
+from fame.log.recording import team_order
 from fame.log.team_recorder import RecordingJudge, TeamRecorder, TeamRecorderOptions
 from fame.middleware.interface import AnyMessage, Middleware, Publisher, QoS, resolve
 from fame.text import read_json
@@ -98,10 +99,16 @@ class TeamView(PageSink, Closing):
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
         with self._lock:
-            known = len(self._packer.robots)
+            packer = self._packer
+            known = len(packer.robots), len(packer.state.poses)
             super().put(topic, time, data)
-            self._missions += len(self._packer.robots) != known
+            self._missions += known != (len(packer.robots), len(packer.state.poses))
             self._meet()
+
+    def _order(self) -> list[str]:
+        """The robots in the order that a recording of them has."""
+        packer = self._packer
+        return team_order(packer.robots, (packer.robots[robot] for robot in packer.state.poses))
 
     def _meet(self) -> None:
         """Listen to the status of robots that are new: their model or their first event came."""
@@ -169,6 +176,7 @@ class TeamView(PageSink, Closing):
                 end=packer.end,
                 control=([*ACTS, "steer"] if self._control else []) + (["change"] if self.change is not None else []),
                 messages=True,
+                order=[packer.robots.index(robot) for robot in self._order()],
                 empty=[
                     "No robot on the network yet",
                     "Start an engine with fame engine NAME and send it a mission with fame deploy, or run a scenario "

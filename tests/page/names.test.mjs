@@ -65,6 +65,15 @@ test("of a name that has no room as much is shown as says something, then nothin
   assert.deepEqual(shown(), ["Explore the field"]);
 });
 
+test("with names cut short no shape is left without letters", () => {
+  const { names, texts, shown } = planeOf(TASK);
+  names.fit(0.15, true);
+  assert.deepEqual(shown(), ["Ex"]);
+  assert.equal(texts[0].getAttribute("font-size"), "60");
+  names.fit(0.15, false);
+  assert.deepEqual(shown(), [null]);
+});
+
 test("a name beside its shape is not laid on another one, nor grows without end", () => {
   const event = (x) => ({ name: "found", box: [x, 0, 36, 36], halo: true });
   const { names, texts, shown } = planeOf(event(0), event(20));

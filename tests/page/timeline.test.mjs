@@ -34,17 +34,22 @@ test("rows are few: the last one takes all others", () => {
   const lanes = new Lanes();
   lanes.settle(blockOf(...[1, 2, 3, 4, 5, 6].map((e) => [e, 0, 9])));
   assert.deepEqual(rowsOf(lanes, 4, 5, 6), [MOST_ROWS - 1, MOST_ROWS - 1, MOST_ROWS - 1]);
-  assert.equal(lanes.of(1, 1)[0].height, MOST_ROWS * ROW + 2 * PAD);
+  assert.equal(lanes.of([0], 1)[0].height, MOST_ROWS * ROW + 2 * PAD);
 });
 
 test("lanes lie below each other; a depth begins where the one before ends, and has no rows if it is not shown", () => {
   const lanes = new Lanes();
   lanes.settle(blockOf([1, 0, 9], [2, 0, 9], [3, 0, 9, 1]));
-  const [first, second] = lanes.of(2, 2);
+  const [first, second] = lanes.of([0, 1], 2);
   assert.deepEqual(first.depths, [0, 2]);
   assert.equal(first.height, 3 * ROW + 2 * PAD);
   assert.deepEqual([second.r, second.top, second.depths], [1, first.height, []]);
-  assert.deepEqual(lanes.of(1, 1)[0].depths, [0]);
+  assert.deepEqual(lanes.of([0], 1)[0].depths, [0]);
+});
+
+test("lanes are found by robot, whatever their order is", () => {
+  const [first, second] = new Lanes().of([1, 0], 1);
+  assert.deepEqual([first.r, second.r, second.top, first.top], [0, 1, 0, second.height]);
 });
 
 test("a block that has grown is settled again, another one is not", () => {

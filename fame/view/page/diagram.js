@@ -4,7 +4,8 @@
 /** @import {App} from "./main.js" */
 import { arrange, h, s, icon, robotColour, show } from "./dom.js";
 import { Names, Pins } from "./names.js";
-import { TAKE, after, counted } from "./store.js";
+import { Overview, countsIn, tokensIn } from "./overview.js";
+import { TAKE, after } from "./store.js";
 import { Viewport } from "./viewport.js";
 
 const TAGS = new Set([
@@ -58,6 +59,8 @@ const SIGNS = {
 };
 const OUTCOMES = ["completed", "failed", "cancelled"];
 const READABLE = 0.92; // a scale at which everything can be read
+const LEGIBLE = 0.6; // at which most can
+const LABELS = "fame-labels";
 const FLIGHT = 0.45; // seconds on the wall that a token takes along flows
 
 /** A copy of a drawing from known tags and attributes alone: whatever else a file holds is left out. */
@@ -109,29 +112,6 @@ function drawingOf(svg) {
   return drawing;
 }
 
-/** The tokens on a plane, by element, of those that are `wanted` (robot, scope). */
-function tokensIn(plane, state, wanted) {
-  const tokens = new Map();
-  for (const token of state.tokens.values()) {
-    if (!plane.shapes.has(token.e) || !wanted(token.r, token.s)) continue;
-    if (!tokens.has(token.e)) tokens.set(token.e, []);
-    tokens.get(token.e).push(token);
-  }
-  return tokens;
-}
-
-/** What was done on a plane, by element: [completed, failed, cancelled], of a robot or, if that is -1, of all. */
-function countsIn(plane, state, robot) {
-  const counts = new Map();
-  for (const [key, [done, failed, cancelled]] of state.counts) {
-    const [r, e] = counted(key);
-    if ((robot >= 0 && r !== robot) || !plane.groups.has(e)) continue;
-    const sum = counts.get(e) ?? [0, 0, 0];
-    counts.set(e, [sum[0] + done, sum[1] + failed, sum[2] + cancelled]);
-  }
-  return counts;
-}
-
 /** The flows on a plane that were taken after an instant: places in the columns of events, for each token in order. */
 function legsOf(plane, state, from, wanted) {
   const { t, r, s: scopes, e, w } = state.block.columns;
@@ -167,25 +147,56 @@ export class Diagram {
     this.plane = -1;
     this.lit = new Set(); // flows that are taken at the instant shown
     this.shown = undefined; // that instant
+    this.opening = false; // whether the part that is shown first has to be found
+    this.cuts = localStorage.getItem(LABELS) !== "off";
     this.crumbs = h("nav", { cls: "crumbs", "aria-label": "Breadcrumb" });
-    this.tools = h(
-      "div",
-      { cls: "tools" },
-      h("button", { title: "Zoom in", onclick: () => this.view.zoom(1.3) }, icon("plus")),
-      h("button", { title: "Zoom out", onclick: () => this.view.zoom(1 / 1.3) }, icon("minus")),
-      h("button", { title: "Fit the diagram (F)", onclick: () => this.view.fit() }, icon("fit")),
-    );
+    this.tools = this.toolbar();
     this.paper = s("svg", { cls: "paper", tabindex: 0, role: "img", "aria-label": "Diagram" });
     this.sheet = s("g");
     this.paper.append(this.sheet);
     this.legend = h("div", { cls: "legend" });
     this.empty = h("div", { cls: "empty", hidden: true });
     root.append(h("div", { cls: "bar" }, this.crumbs, this.tools), this.paper, this.empty, this.legend);
+    this.overview = new Overview(this);
+    root.append(this.overview.canvas);
     this.view = new Viewport(this.paper, (x, y, scale) => this.placed(x, y, scale), { below: 18, beside: 14 });
     this.paper.addEventListener("click", (event) => this.view.moved || this.clicked(event));
     this.paper.addEventListener("dblclick", (event) => this.opened(event));
     new ResizeObserver(() => this.view.resized()).observe(this.paper);
+    this.cutLabels(this.cuts);
     this.explain();
+  }
+
+  toolbar() {
+    this.labels = h(
+      "button",
+      { title: "Names at small zoom, cut short", onclick: () => this.cutLabels(!this.cuts) },
+      icon("text"),
+    );
+    return h(
+      "div",
+      { cls: "tools" },
+      this.labels,
+      h("button", { title: "Zoom in", onclick: () => this.view.zoom(1.3) }, icon("plus")),
+      h("button", { title: "Zoom out", onclick: () => this.view.zoom(1 / 1.3) }, icon("minus")),
+      h("button", { title: "Fit the diagram (F)", onclick: () => this.fit() }, icon("fit")),
+    );
+  }
+
+  /** Show all of the diagram. */
+  fit() {
+    this.opening = false;
+    this.view.fit();
+  }
+
+  /** Cut names short where a shape has no room for them, or leave them out. */
+  cutLabels(cuts) {
+    this.cuts = cuts;
+    localStorage.setItem(LABELS, cuts ? "on" : "off");
+    this.labels.setAttribute("aria-pressed", String(cuts));
+    if (this.current === undefined) return;
+    this.current.level = Infinity;
+    this.view.apply();
   }
 
   explain() {
@@ -219,12 +230,13 @@ export class Diagram {
   placed(x, y, scale) {
     this.sheet.setAttribute("transform", `translate(${x} ${y}) scale(${scale})`);
     if (this.current === undefined) return;
+    this.overview.update(this.app.state);
     const { width, height } = this.view.box();
     this.current.pins.place([x, y], scale, [width, height], this.app.mission.robots[this.app.selected.robot]?.pool);
     const level = 2 ** (Math.floor(Math.log2(scale) * 8) / 8);
     if (level === this.current.level) return;
     this.current.level = level;
-    this.current.names.fit(level);
+    this.current.names.fit(level, this.cuts);
     this.app.redraw();
   }
 
@@ -233,9 +245,13 @@ export class Diagram {
     return Math.max(1, 0.9 / this.current.level);
   }
 
-  /** Zoom to the pool of the chosen robot, around what it does; without one, to all. */
-  focus(glides = true) {
-    const { robot, element } = this.app.selected;
+  /**
+   * Zoom to the pool of the chosen robot, around what it does; without one, to all. `first`: nothing was chosen yet, so
+   * where all would be too small, to the first robot that does something.
+   */
+  focus(glides = true, first = false) {
+    const { element } = this.app.selected;
+    const robot = first ? this.firstActive() : this.app.selected.robot;
     const { current } = this;
     const part = current?.shapes.get(this.app.mission.robots[robot]?.pool);
     const held = [
@@ -244,9 +260,24 @@ export class Diagram {
     ];
     const box = held.map((one) => current?.shapes.get(one)).find((one) => one && one !== part);
     this.view.focus(
-      part ? { part, least: READABLE, about: box && [box[0] + box[2] / 2, box[1] + box[3] / 2] } : {},
+      part || (first && box)
+        ? {
+            part,
+            least: READABLE,
+            about: box && [box[0] + box[2] / 2, box[1] + box[3] / 2],
+            unless: first ? LEGIBLE : undefined,
+          }
+        : {},
       glides,
     );
+  }
+
+  /** The chosen robot, or the first that does something on the plane that is shown. */
+  firstActive() {
+    const { selected, mission, state } = this.app;
+    const held = [...(state?.tokens.values() ?? [])].filter((token) => this.current?.shapes.has(token.e));
+    const active = mission.order.find((r) => held.some((token) => token.r === r));
+    return selected.robot >= 0 ? selected.robot : (active ?? mission.order[0] ?? -1);
   }
 
   /** Show a plane; `opener` is the call activity or sub-process that leads there. */
@@ -315,12 +346,7 @@ export class Diagram {
       );
       return;
     }
-    let plane = this.planes.get(number);
-    if (plane === undefined) {
-      const data = await this.app.fetch(`plane/${number}.json`);
-      plane = this.built(data);
-      this.planes.set(number, plane);
-    }
+    const plane = await this.load(number);
     this.empty.hidden = true;
     this.paper.removeAttribute("hidden");
     const changed = this.plane !== number;
@@ -330,10 +356,20 @@ export class Diagram {
     show(this.paper, this.sheet, plane.pins.node);
     if (changed) {
       this.view.content(plane.width, plane.height);
-      this.focus(false);
+      this.opening = true;
+      this.focus(false, true);
     } else this.view.apply(); // the same place, drawn anew
     this.path();
     this.app.redraw();
+  }
+
+  /** A plane, with what is drawn on it. */
+  async load(number) {
+    const known = this.planes.get(number);
+    if (known !== undefined) return known;
+    const plane = this.built(await this.app.fetch(`plane/${number}.json`));
+    this.planes.set(number, plane);
+    return plane;
   }
 
   nothing(title, advice) {
@@ -447,6 +483,11 @@ export class Diagram {
     this.follow();
     const plane = this.current;
     if (plane === undefined) return;
+    if (this.opening && state !== null && this.view.box().width) {
+      this.opening = false;
+      if (this.view.target) this.focus(false, true);
+    }
+    this.overview.update(state);
     plane.drawing.classList.toggle("flows", flows);
     const { robot } = this.app.selected;
     const opener = this.trail.at(-1)?.[1] ?? -1;

@@ -77,6 +77,8 @@ const ICONS = {
   maximise: "M14 4h6v6M10 20H4v-6M20 4l-7 7M4 20l7-7",
   plus: "M12 5v14M5 12h14",
   minus: "M5 12h14",
+  clock: "M12 7v5l3.500 2M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18z",
+  text: "M4 6h16M12 6v13",
   link: "M10 14a4 4 0 0 0 5.7 0l3-3a4 4 0 0 0-5.7-5.7l-1 1M14 10a4 4 0 0 0-5.7 0l-3 3A4 4 0 0 0 11 18.7l1-1",
   moon: "M20 14.5A8 8 0 1 1 9.5 4a6.5 6.5 0 0 0 10.5 10.5z",
   help: "M9.2 9a3 3 0 1 1 4.3 2.7c-.9.5-1.5 1.1-1.5 2.3M12 17.5v.01M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18z",
@@ -252,12 +254,24 @@ const DARK = ["#79a9ff", "#ff9d52", "#5fd08f", "#cf9bf2", "#4fd0e2", "#ff86c4", 
 /** Whether the page is dark now. */
 export const isDark = () => document.documentElement.dataset.theme === "dark";
 
+/** @type {Map<number, number>} */
+const places = new Map();
+
+/**
+ * Give the robots their colours: those of a network come in any order, and have the same ones each time.
+ *
+ * @param {number[]} order robots by number
+ */
+export function colourRobots(order) {
+  order.forEach((robot, place) => places.set(robot, place));
+}
+
 /**
  * The colour of robot number `index`.
  *
  * @param {number} index
  */
-export const robotColour = (index) => (isDark() ? DARK : LIGHT)[index % LIGHT.length];
+export const robotColour = (index) => (isDark() ? DARK : LIGHT)[(places.get(index) ?? index) % LIGHT.length];
 
 /**
  * A small square in the colour of a robot.

@@ -5,6 +5,7 @@
 /** @import {Element, MessageRow} from "./types.js" */
 import { h, icon, clock, isDark, renew, swatch } from "./dom.js";
 import { Waits } from "./waits.js";
+import { startOf } from "./roster.js";
 import { FAIL, LOG, REPORT, END, after, counted } from "./store.js";
 
 const TABS = [
@@ -114,7 +115,7 @@ export class Inspector {
   }
 
   picker() {
-    const { robots } = this.app.mission;
+    const { robots, order } = this.app.mission;
     const { robot } = this.app.selected;
     const key = `${robots.length}|${robot}|${isDark()}`;
     if (key === this.pickerKey) return;
@@ -126,7 +127,7 @@ export class Inspector {
         onchange: ({ currentTarget }) => this.app.select({ robot: Number(currentTarget.value) }),
       },
       h("option", { value: -1 }, "All robots"),
-      robots.map((one, r) => h("option", { value: r }, one.name)),
+      order.map((r) => h("option", { value: r }, robots[r].name)),
     );
     pick.value = String(robot);
     renew(this.robots, pick);
@@ -203,7 +204,7 @@ export class Inspector {
       if (!inSight(r) && performance.now() - begun > SLICE) break;
       renew(
         this.parts.get(r),
-        h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))),
+        h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.idle(state, r))),
         this.waits.of(state, r, time),
         this.variables(state, r, time),
       );
@@ -286,7 +287,7 @@ export class Inspector {
     if (r < 0) parts.push(...this.all(state, time));
     else {
       parts.push(
-        h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))),
+        h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.idle(state, r))),
         ...this.waits.of(state, r, time),
         ...this.variables(state, r, time),
       );
@@ -305,8 +306,8 @@ export class Inspector {
 
   /** A section for each robot. Those out of sight follow in the next frames. */
   all(state, time) {
-    const { robots } = this.app.mission;
-    for (let r = 0; r < robots.length; r += 1) {
+    const { order } = this.app.mission;
+    for (const r of order) {
       if (!this.parts.has(r)) {
         const part = h("section", { dataset: { key: r } });
         this.parts.set(r, part);
@@ -315,7 +316,7 @@ export class Inspector {
       this.stale.add(r);
     }
     this.finish(state, time);
-    return robots.map((_, r) => this.parts.get(r));
+    return order.map((r) => this.parts.get(r));
   }
 
   status(state, r) {
@@ -326,6 +327,12 @@ export class Inspector {
         return alive ? "" : String(details.get(at) ?? "ended");
       }
     return "";
+  }
+
+  /** How a robot without tokens ended, and what it waits for to begin. */
+  idle(state, r) {
+    const rests = ![...state.tokens.values()].some((token) => token.r === r);
+    return [this.status(state, r), rests && startOf(this.app, r)].filter(Boolean).join(", ");
   }
 
   valueOf(state, r, scope, name) {

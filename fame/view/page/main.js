@@ -4,7 +4,7 @@
  * @import {Finding, Mission} from "./types.js"
  * @import {State} from "./store.js"
  */
-import { byId, clock, h, icon, show, messageOf } from "./dom.js";
+import { byId, clock, colourRobots, h, icon, show, messageOf } from "./dom.js";
 import { Acts } from "./acts.js";
 import { Change } from "./change.js";
 import { Control } from "./control.js";
@@ -60,6 +60,7 @@ export class App {
     chips: [],
     notices: [],
     robots: [],
+    order: [],
     elements: [],
     planes: [],
     models: [],
@@ -134,6 +135,7 @@ export class App {
   async load(mission) {
     const models = JSON.stringify([mission.models, mission.planes]);
     this.mission = mission;
+    colourRobots(mission.order);
     this.store.index(mission.blocks, mission.end);
     this.store.complete = mission.reading >= 1;
     if (this.player.time < this.store.start) this.player.seek(this.store.start, { keep: true });
@@ -164,7 +166,7 @@ export class App {
       return;
     }
     diagram.plane = -1;
-    if (mission.planes.length) await diagram.open(Math.max(0, mission.robots[0]?.plane ?? 0));
+    if (mission.planes.length) await diagram.open(Math.max(0, mission.robots[mission.order[0]]?.plane ?? 0));
     else if (mission.models.length) diagram.draw(-1);
     else diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
   }
@@ -566,7 +568,7 @@ export class App {
   /** What the keys do. */
   actions() {
     const { player, timeline } = this;
-    const choose = (r) => this.mission.robots[r] && this.select({ robot: r });
+    const choose = (place) => place in this.mission.order && this.select({ robot: this.mission.order[place] });
     const digits = [1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => choose(number - 1)]);
     return {
       ...Object.fromEntries(digits),
@@ -581,7 +583,7 @@ export class App {
       "=": () => timeline.zoom(1 / 1.6),
       "-": () => timeline.zoom(1.6),
       0: () => timeline.all(),
-      f: () => this.diagram.view.fit(),
+      f: () => this.diagram.fit(),
       l: () => this.isLive() && player.follow(),
       a: () => this.select({ robot: -1 }),
       "?": () => this.help(),

@@ -1,4 +1,5 @@
 // Names in a diagram at any zoom: at least 9 px, inside their shape or beside it and on nothing else, or left out.
+// Those inside a shape are cut to what has room, if that is wanted.
 
 /**
  * @import {Box, Point} from "./types.js"
@@ -93,9 +94,30 @@ const heightOf = (sign) => Number(/,? ?([-\d.]+)\)/.exec(sign.getAttribute("tran
  */
 export function cut(text, room, size) {
   if (wide(text, size) <= room) return text;
-  let shown = text;
-  while (shown.length > 1 && wide(`${shown}…`, size) > room) shown = shown.slice(0, -1).trimEnd();
+  const shown = begun(text, room - wide("…", size), size);
   return shown.length > 3 ? `${shown}…` : "";
+}
+
+/**
+ * The first letters of a text, as many as have room; one at least.
+ *
+ * @param {string} text @param {number} room @param {number} size
+ */
+function begun(text, room, size) {
+  let shown = text;
+  while (shown.length > 1 && wide(shown, size) > room) shown = shown.slice(0, -1).trimEnd();
+  return shown;
+}
+
+/**
+ * The first letters of a name in a shape where it has no room, without pictograms.
+ *
+ * @param {Name} name @param {number} size
+ * @returns {Place}
+ */
+function squeezed({ box = [0, 0, 0, 0], text }, size) {
+  const [, y, width, height] = box;
+  return { lines: [begun(text, width, size)], top: y + (height - size * LEADING) / 2, plain: true };
 }
 
 /**
@@ -209,11 +231,11 @@ export class Names {
   }
 
   /**
-   * Show what can be read at a scale.
+   * Show what can be read at a scale. `cuts`: whether no shape is left without letters.
    *
-   * @param {number} scale
+   * @param {number} scale @param {boolean} cuts
    */
-  fit(scale) {
+  fit(scale, cuts) {
     for (const [group, [, , width, height]] of this.shapes)
       group.classList.toggle("dot", Math.min(width, height) * scale < DOT);
     /** @type {Box[]} */
@@ -223,7 +245,11 @@ export class Names {
     for (const name of this.names) {
       const size = Math.max(name.size, LEAST / scale);
       const grown = size > name.size;
-      const place = name.halo ? this.beside(name, size, taken, grown ? shapes : []) : grown ? inside(name, size) : {};
+      const place = name.halo
+        ? this.beside(name, size, taken, grown ? shapes : [])
+        : grown
+          ? (inside(name, size) ?? (cuts ? squeezed(name, size) : null))
+          : {};
       name.node.toggleAttribute("hidden", place === null);
       name.group.classList.toggle("plain", bare || Boolean(place?.plain));
       if (place === null) continue;
@@ -311,7 +337,7 @@ function pinAt({ box, depth, over }, origin, scale, room) {
  */
 function pin({ number, text, turned }, { box: [x, y, width, height], long }, scale, on) {
   const size = Math.min(Math.max(12 * scale, 11), 16);
-  const shown = cut(text, long - 6, size);
+  const shown = cut(text, long - 6, size) || begun(text, long - 2, size);
   const transform = `translate(${x + width / 2} ${y + height / 2})${turned ? " rotate(-90)" : ""}`;
   return s(
     "g",

@@ -8,6 +8,7 @@ export const STATES = [
   "waiting",
   "suspended",
   "running",
+  "ready",
   "idle",
   "completed",
   "cancelled",
@@ -19,10 +20,12 @@ export const STATE_WORDS = {
   waiting: "waits for a person",
   suspended: "suspended",
   running: "running",
+  ready: "to be started",
   idle: "no mission",
   completed: "completed",
   cancelled: "cancelled",
 };
+const OR = new Intl.ListFormat("en-GB", { type: "disjunction" });
 const byName = new Intl.Collator(undefined, { numeric: true });
 /** The states of robots that need somebody. */
 export const WANTED = new Set(["incident", "lost", "failed", "waiting"]);
@@ -72,6 +75,8 @@ function describe(app, state, time, row, lost) {
   else if (row.tokens.length) row.state = "running";
   // one that failed stays, whatever completed after it
   else row.state = failed ? "failed" : last in STATE_WORDS ? last : "completed";
+  row.start = row.tokens.length || lost !== undefined ? "" : startOf(app, row.r);
+  if (row.state === "idle" && row.start) row.state = "ready";
   row.by = suspended?.by ?? "";
   if (row.open.length) row.since = Math.min(...row.open.map((wait) => wait.since));
   row.battery = battery(app, state, row, time);
@@ -95,7 +100,14 @@ function occupy(app, state, row, idle = -1) {
 /** What a robot does at an instant, in the words of the diagram. */
 export function doing(app, state, r) {
   const tokens = [...state.tokens.values()].filter((token) => token.r === r);
-  return occupy(app, state, { r, tokens, waits: [...(state.waits.get(r)?.values() ?? [])] }).doing;
+  const row = occupy(app, state, { r, tokens, waits: [...(state.waits.get(r)?.values() ?? [])] });
+  return row.doing || (tokens.length ? "" : startOf(app, r));
+}
+
+/** What begins the process of a robot: "waits for stand_open"; empty if it begins at once, or there is none. */
+export function startOf(app, r) {
+  const { starts = [] } = app.mission.robots[r] ?? {};
+  return starts.length ? `waits for ${OR.format(starts.map((e) => nameOf(app, e)))}` : "";
 }
 
 /** The element of the diagram that a token belongs to: of what a library does, the call activity that is drawn. */

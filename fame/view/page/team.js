@@ -12,6 +12,7 @@ const SIGNS = {
   waiting: "person",
   suspended: "pause",
   running: "play",
+  ready: "clock",
   idle: "minus",
   completed: "check",
   cancelled: "close",
@@ -130,14 +131,15 @@ export class Team {
     const { app } = this;
     const [open] = row.open;
     const { missed } = row;
-    const since = row.state !== "idle" && row.since >= 0 ? ago(time - row.since) : "";
-    const by = row.state === "suspended" && row.by ? `by ${row.by}` : "";
+    const since = !/idle|ready/.test(row.state) && row.since >= 0 ? ago(time - row.since) : "";
+    const by = row.state === "suspended" && row.by ? `by ${row.by}` : row.state === "ready" ? "" : row.start;
+    const word = row.state === "ready" ? row.start : STATE_WORDS[row.state];
     const lost = missed ? `${ago(time - missed.time)} ago` : "";
     const hand = app.acts.can("take_over") && HELD.has(row.state) && app.steer.held?.r !== row.r;
     const sign = () => h("span", { cls: "glyph" }, icon(SIGNS[row.state]));
     return [
       [`${row.name} ${row.element} ${isDark()}`, () => this.who(row)],
-      [row.state + by + row.failed, () => [sign(), STATE_WORDS[row.state], small(by), small(row.failed)]],
+      [word + by + row.failed, () => [sign(), h("span", null, word), small(by), small(row.failed)]],
       [
         `${row.doing} ${row.more} ${row.progress}`,
         () => [row.doing, small(row.more ? `and ${row.more} more` : ""), small(row.progress)],

@@ -134,7 +134,7 @@ export class Timeline {
       return;
     }
     for (const block of store.within(this.from, this.until)) if (block.data) this.rows.settle(block.data);
-    const lanes = this.rows.of(mission.robots.length, this.levels);
+    const lanes = this.rows.of(mission.order, this.levels);
     const under = lanes.reduce((sum, lane) => sum + lane.height, 0);
     const plotsTop = under + this.properties.height;
     this.spacer.style.height = `${plotsTop + this.plots.height}px`;
@@ -221,7 +221,7 @@ export class Timeline {
     this.captions = lanes.map(() => h("small"));
     show(
       this.labels,
-      lanes.map((lane) => this.laneLabel(lane, this.captions[lane.r])),
+      mission.order.map((r) => this.laneLabel(lanes[r], this.captions[r])),
       this.properties.labels(plotsTop - this.properties.height),
       this.plots.labels(plotsTop),
     );

@@ -61,6 +61,7 @@
  * @property {number} [pool]
  * @property {number} [plane]
  * @property {[time: number, plane: number][]} [planes]
+ * @property {number[]} [starts] events of which its process waits for one before it begins
  */
 
 /**
@@ -83,6 +84,7 @@
  * @property {[text: string, cls: string, title: string][]} chips
  * @property {string[]} notices
  * @property {Robot[]} robots
+ * @property {number[]} order of the robots, by number
  * @property {Element[]} elements
  * @property {{title: string}[]} planes
  * @property {string[]} models

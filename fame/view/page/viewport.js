@@ -40,13 +40,18 @@ export class Viewport {
     this.focus({});
   }
 
-  /** Show a part [x, y, width, height] of the content, at `least` at this scale: then what is around a point. */
+  /**
+   * Show a part [x, y, width, height] of the content, at `least` at this scale: then what is around a point. `unless`:
+   * the scale from which on the whole is shown.
+   */
   focus(target, glides = false) {
     const { width, height } = this.box();
-    const { part: [left, top, wide, tall] = [0, 0, this.width, this.height], least = 0, about = [left, top] } = target;
     this.target = target;
     if (!width || !height) return;
     const rooms = [width - 2 * MARGIN - this.beside, height - 2 * MARGIN - this.below];
+    const whole = Math.min(rooms[0] / this.width, rooms[1] / this.height) >= (target.unless ?? Infinity);
+    const { part = [0, 0, this.width, this.height], least = 0, about = part } = whole ? {} : target;
+    const [left, top, wide, tall] = part;
     const scale = Math.max(least, Math.min(rooms[0] / wide, rooms[1] / tall, 1.6));
     const [x, y] = [
       [left, wide, this.beside],
@@ -55,8 +60,10 @@ export class Viewport {
       const room = rooms[axis];
       const spare = room - size * scale;
       const begin = MARGIN + before;
+      const beyond = room - [this.width, this.height][axis] * scale; // below 0: no place beside the content is shown
       const place = spare >= 0 ? spare / 2 : Math.max(spare, Math.min(0, room / 2 - (about[axis] - from) * scale));
-      return begin + place - from * scale;
+      const at = place - from * scale;
+      return begin + (beyond < 0 ? Math.min(0, Math.max(beyond, at)) : at);
     });
     this.glide({ x, y, scale }, glides && !still.matches ? GLIDE : 0);
   }
@@ -103,6 +110,18 @@ export class Viewport {
     if (event.ctrlKey || event.deltaMode !== 0 || Math.abs(event.deltaX) < 1) {
       this.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), event.clientX - left, event.clientY - top);
     } else this.shift(-event.deltaX, -event.deltaY);
+  }
+
+  /** What can be seen of the content: [x, y, width, height]. */
+  sight() {
+    const { width, height } = this.box();
+    return [-this.x / this.scale, -this.y / this.scale, width / this.scale, height / this.scale];
+  }
+
+  /** Have a point of the content in the middle. */
+  centre([x, y]) {
+    const { width, height } = this.box();
+    this.shift(width / 2 - x * this.scale - this.x, height / 2 - y * this.scale - this.y);
   }
 
   shift(dx, dy) {
