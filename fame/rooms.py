@@ -229,6 +229,8 @@ LANGUAGES: Mapping[str, str] = {
     "juel": "fame.scripting.juel:parse_juel",
 }
 """What parses an expression (text -> `fame.scripting.data.Parsed`), or compiles a text as `compile_script` does."""
+EFFECTS: Mapping[str, str] = {"javascript": "fame.scripting.javascript.effects:JavaScriptEffects"}
+"""The `fame.scripting.effects.Effects` of texts in the language of a room that do more than compute a value."""
 MIDDLEWARES: Mapping[str, str] = {
     "dds": "fame.middleware.dds:DdsMiddleware",
     "zenoh": "fame.middleware.zenoh:ZenohMiddleware",

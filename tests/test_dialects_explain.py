@@ -9,9 +9,10 @@ from bpmn_text import document, extensions, process, properties
 
 from fame.bpmn import read_text
 from fame.bpmn.library import Library
+from fame.bpmn.model import Expression
 from fame.check.explain import ReadingDetail, ReadingKind, readings
 from fame.cli import main
-from fame.scripting.analysis import identifiers_of
+from fame.scripting import effects_of
 
 MODELS = Path(__file__).parent / "models"
 ROOTS = '<signal id="S" name="weed_found"/><signal id="N"/>'
@@ -200,8 +201,8 @@ def test_it_names_each_place_that_semantics_original_changes() -> None:
     ],
 )  # fmt: skip
 def test_the_variables_that_a_script_names_are_known(text: str, reads: str, writes: str, is_open: bool) -> None:
-    found = identifiers_of(text)
-    assert (found.reads, found.writes, found.open) == (frozenset(reads.split()), frozenset(writes.split()), is_open)
+    found = effects_of(Expression(text, "javascript"), script=True)
+    assert (found.reads, found.sets, found.open) == (frozenset(reads.split()), frozenset(writes.split()), is_open)
 
 
 # ---- the command -----------------------------------------------------------------------------------------------------

@@ -215,6 +215,12 @@ def test_a_behaviour_whose_script_raises_may_fail() -> None:
     assert judged(goes(CALLS, boundary(), beside=inner), "never P fails").verdict == "proved"
 
 
+def test_a_script_in_javascript_that_throws_may_fail() -> None:
+    """It was called invalid Python."""
+    throws = script("throw new Error('low'); next();").replace("python", "javascript")
+    assert judged(goes(throws), "never P fails").verdict == "not known"
+
+
 @pytest.mark.parametrize("text", [ACT, ASKS, "raise BpmnError(x)"])
 def test_a_behaviour_whose_script_may_fail_is_no_proof(text: str) -> None:
     inner = called(f'<scriptTask id="I2" scriptFormat="python"><script>{text}</script></scriptTask>')

@@ -12,7 +12,7 @@ from bpmn_text import process
 from fame.bpmn import read_text
 from fame.bpmn.model import Expression, Language
 from fame.clock import EPOCH
-from fame.scripting import BudgetExceeded, compile_expression, script_names
+from fame.scripting import BudgetExceeded, compile_expression, effects_of
 from fame.scripting.feel.functions import FUNCTIONS
 from fame.scripting.interface import interface
 from fame.simulation import Simulation
@@ -110,7 +110,8 @@ def test_fields_of_messages_are_entries_too() -> None:
     ],
 )
 def test_it_reads_variables_but_no_fields_and_parameters(text: str, reads: set[str]) -> None:
-    assert script_names(Expression(text, "feel", 1)) == (reads, frozenset())
+    found = effects_of(Expression(text, "feel", 1))
+    assert (found.reads, found.sets) == (reads, frozenset())
 
 
 # ---- what it costs ---------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import fame
 from fame.bpmn.model import Expression
 from fame.clock import SECOND
 from fame.middleware.interface import DeferredResponse
-from fame.scripting import script_topics
+from fame.scripting import effects_of
 from fame.scripting.javascript import values
 
 NODE = "const node = this.environment.variables.ros_node; "
@@ -161,7 +161,8 @@ def test_topics_and_services_that_scripts_name_are_known_before_they_run() -> No
         node.createClient("std_srvs/srv/Trigger", "/stop");
         node.createPublisher(type, "unknown")"""
     assert [
-        (use.name, use.direction, use.type, use.line) for use in script_topics(Expression(text, "javascript", 7))
+        (use.name, use.direction, use.type, use.line)
+        for use in effects_of(Expression(text, "javascript", 7), script=True).topics
     ] == [
         ("led", "publish", "std_msgs/msg/ColorRGBA", 8),
         ("~/odom", "subscribe", "nav_msgs/msg/Odometry", 9),

@@ -10,7 +10,7 @@ import pytest
 from fame.bpmn.model import Expression
 from fame.engine import BpmnError
 from fame.errors import ModelError
-from fame.scripting import compile_expression, compile_script, error_line, error_text, script_names
+from fame.scripting import compile_expression, compile_script, effects_of, error_line, error_text
 from fame.scripting.interface import interface
 
 
@@ -165,12 +165,14 @@ def test_other_languages_are_refused_by_name() -> None:
     ],
 )
 def test_the_names_that_a_script_reads_and_writes_are_known(text: str, reads: set[str], writes: set[str]) -> None:
-    assert script_names(Expression(text), script=True) == (reads, writes)
+    found = effects_of(Expression(text), script=True)
+    assert (found.reads, found.sets) == (reads, writes)
 
 
 def test_a_script_that_parses_and_does_not_compile_is_an_error_of_the_model() -> None:
     with pytest.raises(ModelError, match=r"line 8: .*assigned to before global declaration: `global x`"):
-        script_names(Expression("x = 1\nglobal x", line=7), script=True)
+        compile_script(Expression("x = 1\nglobal x", line=7))
+    assert not effects_of(Expression("x = 1\nglobal x", line=7), script=True).sets
 
 
 @pytest.mark.parametrize(
@@ -185,7 +187,8 @@ def test_a_script_that_parses_and_does_not_compile_is_an_error_of_the_model() ->
     ],
 )
 def test_the_names_that_an_expression_reads_are_known(text: str, language: Any, reads: set[str]) -> None:
-    assert script_names(Expression(text, language)) == (reads, set())
+    found = effects_of(Expression(text, language))
+    assert (found.reads, found.sets) == (reads, set())
 
 
 def test_importing_it_loads_nothing_heavy() -> None:

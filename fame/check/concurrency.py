@@ -15,11 +15,13 @@ from itertools import combinations, product
 
 from fame.bpmn.model import Activity, Body, Event, Expression, FlowNode, MultiInstance, SubProcess
 from fame.check.control_flow import forks
-from fame.check.expressions import expressions_in, names_of, syntax_tree
+from fame.check.expressions import expressions_in
 from fame.check.graph import FlowGraph, graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.variables import assigned_objects, sets_something, sharing
 from fame.dataclasses import dataclass, field
+from fame.scripting.effects import script_effects
+from fame.scripting.python_effects import syntax_tree
 
 _SHOWN = 3
 """Variables that a finding names."""
@@ -168,10 +170,10 @@ def _note(use: _CallUse, body: Body, assigned: Set[str]) -> None:
             use.anew[name].add("")
     for text in expressions_in(body):
         script = text.use == "script"
-        for name in _anew(text.expression, text.reads, text.writes) if script else ():
+        for name in _anew(text.expression, text.reads, text.effects.sets) if script else ():
             use.anew[name].add("")
         suspends = script and "await" in text.expression.text
-        use.kept |= text.reads if suspends else text.reads - text.writes
+        use.kept |= text.reads if suspends else text.reads - text.effects.sets
 
 
 def _note_objects(noted: dict[str, set[str]], body: Body, assigned: Set[str]) -> None:
@@ -199,4 +201,4 @@ def _sets(node: FlowNode, sharing: Set[str], use: _UseOf) -> Set[str]:
     """The variables that an element sets, by its script or its call."""
     if node.id in sharing:
         return use(node.id).sets()
-    return {*node.sets(), *(names_of(node.script, script=True)[1] if node.script is not None else ())}
+    return {*node.sets(), *script_effects(node).sets}

@@ -23,7 +23,7 @@ from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import SIGNAL, Client, Middleware, Node, QoS, resolve
-from fame.scripting import script_topics
+from fame.scripting import script_effects
 
 Relation = Literal["publishes", "subscribes to", "calls the service", "calls the action"]
 _DOES: Mapping[str, Relation] = {
@@ -104,7 +104,7 @@ def _of_pool(
                 name, type = node.service.name, node.service.type or ""
                 name = name if name.startswith(("/", "~/")) else f"~/{name}"
                 yield made(_DOES["act" if messages.is_action(type) else "call"], name, type)
-            for topic in script_topics(node.script) if node.script is not None else ():
+            for topic in script_effects(node).topics:
                 if topic.direction in ("call", "act"):
                     yield made(_DOES[topic.direction], topic.qualified, topic.type or "")
                 elif topic.qualified not in table:

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 
 from fame.bpmn.model import Expression, FlowNode, Topic
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.check.service_topics import served_topics, service_places
 from fame.dataclasses import dataclass
 from fame.engine.data import match, match_prefix, unfilled, variable_name
-from fame.errors import MessageError, ModelError
+from fame.errors import MessageError
 from fame.middleware import messages
-from fame.scripting import ScriptTopic, script_topics
+from fame.scripting import script_effects
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,19 +85,11 @@ def _drawn(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
 def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
     script = node.script
     tries = script is not None and script.language == "javascript" and re.search(r"\btry\b", script.text) is not None
-    for topic in topics_in_script(node):
+    for topic in script_effects(node).topics:
         if topic.direction not in ("call", "act"):
             throws = topic.direction == "publish"
             name, type = topic.qualified, topic.full_type
             yield TopicEndpoint(process, node, name, type, throws, topic.line, tries=tries, label=topic.label)
-
-
-def topics_in_script(node: FlowNode) -> Sequence[ScriptTopic]:
-    """Return what the script of a node names: topics, services, actions. None of an invalid one:
-    the compiler reports it."""
-    with suppress(ModelError):
-        return script_topics(node.script) if node.script is not None else ()
-    return ()
 
 
 def public_topics(team: Sequence[CheckScope]) -> Topics:

@@ -7,15 +7,14 @@ any code, nothing is reported.
 
 from __future__ import annotations
 
-import ast
 import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping
 
 from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, Task, TimerDefinition
-from fame.check.expressions import syntax_tree
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
+from fame.scripting import script_effects
 
 _PARSERS: Mapping[str, Callable[[str], object]] = {
     "duration": parse_duration,
@@ -125,17 +124,5 @@ def _together(found: Iterator[set[str] | None]) -> set[str] | None:
 
 def raised_codes(node: FlowNode) -> set[str] | None:
     """Return the error codes in a script: ``raise BpmnError("lost")``; None if they are unknown."""
-    script = node.script
-    if script is None or script.language not in ("python", "javascript"):
-        return set()
-    if script.language == "javascript" or "robot.act" in script.text:
-        return None
-    if "BpmnError" not in script.text:
-        return set()
-    tree = syntax_tree(script)
-    if tree is None:
-        return None
-    named = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "BpmnError"]
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node.func in named and node.args]
-    codes = [str(one.args[0].value) for one in calls if isinstance(one.args[0], ast.Constant)]
-    return set(codes) if len(codes) == len(named) else None
+    codes = script_effects(node).codes
+    return None if codes is None or (node.script is not None and "robot.act" in node.script.text) else {*codes}

@@ -29,7 +29,6 @@ from fame.check.endpoints import (
     declared_type,
     message_fields,
     taken_by_prefix,
-    topics_in_script,
 )
 from fame.check.expressions import expressions_in
 from fame.check.guidelines import suspending
@@ -38,7 +37,7 @@ from fame.check.variables import parameters
 from fame.dataclasses import dataclass
 from fame.engine.data import variable_name
 from fame.middleware import messages
-from fame.scripting.analysis import identifiers_of
+from fame.scripting import script_effects
 from fame.text import ros_name
 
 ReadingKind = Literal["form", "topic", "data", "parameter", "call", "script", "quirk", "semantics"]
@@ -138,7 +137,7 @@ def _services(process: CheckedProcess) -> Iterator[ReadingDetail]:
             kind = "action" if messages.is_action(type or "") else "service"
             text = f"calls the {kind} {node.service.name}, {type or 'no type'}, {sent}"
             yield _at(process, "topic", text, node)
-        for used in topics_in_script(node):
+        for used in script_effects(node).topics:
             if used.direction == "call":
                 text = f"its script calls the service {used.name}, {used.type or 'no type'}"
                 yield _at(process, "topic", text, node, used.line)
@@ -238,12 +237,12 @@ def _quirks(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[Quirk
                 )
     for body in process.bodies():
         for used in expressions_in(body):
-            if used.expression.language != "javascript":
+            calls, line = used.effects.calls, used.expression.line
+            if calls is None:
                 continue
-            names, line = identifiers_of(used.expression.text), used.expression.line
-            if used.use == "script" and not names.next:
+            if used.use == "script" and not calls.next:
                 yield "never calls next()", used.element, line
-            if names.node:
+            if calls.node:
                 yield "uses node for ros_node", used.element, line
-            if used.use == "condition" and not names.next:
+            if used.use == "condition" and not calls.next:
                 yield "returns its value, without next()", used.element, line

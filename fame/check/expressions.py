@@ -1,4 +1,4 @@
-"""The scripts and expressions of a process: the variables that they use, and conditions of which one is always true.
+"""The scripts and expressions of a process with their effects, and conditions of which one is always true.
 
 `cover_all` recognises ``x`` and ``not x``, ``x > 3`` and ``x <= 3``, three ranges of a number. Conditions of all
 languages are read as Python expressions, as far as they can be. Their parts (a variable, a call, a comparison) get
@@ -11,33 +11,30 @@ from __future__ import annotations
 import ast
 import itertools
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
 from fame.bpmn.model import Body, DataObject, Element, Expression, Use
 from fame.dataclasses import dataclass, field
-from fame.errors import FameError, ModelError
-from fame.scripting import code_names, script_names
+from fame.errors import ModelError
 from fame.scripting.budget import BudgetExceeded
+from fame.scripting.effects import Effects, effects_of
 from fame.scripting.languages import parse_expression
-from fame.scripting.python import called_name, parse_python
 
 
 @dataclass(frozen=True, slots=True)
 class ExpressionUse:
-    """A script or expression, its element and use, and the variables that it reads and writes.
+    """A script or expression, its element and use, its effects, and the variables that it reads.
 
-    `code`: the functions, classes and modules that it leaves for later scripts.
+    `reads`: without what a data object only declares, ``x: ${x}``.
     """
 
     expression: Expression
     element: Element
     use: Use
+    effects: Effects
     reads: frozenset[str]
-    writes: frozenset[str]
-    code: frozenset[str] = frozenset()
 
 
 def expressions_in(body: Body) -> Iterator[ExpressionUse]:
@@ -45,9 +42,8 @@ def expressions_in(body: Body) -> Iterator[ExpressionUse]:
     elements: list[Element] = [*body.data_objects, *body.flows, *body.nodes]
     for element in elements:
         for expression, use in element.texts():
-            reads, writes = names_of(expression, use == "script")
-            code = _code_of(expression) if use == "script" else frozenset[str]()
-            yield ExpressionUse(expression, element, use, reads - _own(element, expression), writes, code)
+            effects = effects_of(expression, script=use == "script")
+            yield ExpressionUse(expression, element, use, effects, effects.reads - _own(element, expression))
 
 
 def _own(element: Element, value: Expression) -> set[str]:
@@ -55,37 +51,6 @@ def _own(element: Element, value: Expression) -> set[str]:
     if not isinstance(element, DataObject):
         return set()
     return {name for name, expression in element.values if expression is value}
-
-
-def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
-    """Return the names that a text reads and writes; none if it is invalid, which the compiler reports."""
-    try:
-        return script_names(expression, script=script)
-    except (ModelError, RecursionError):  # the one is told by the compiler, the other is nested too deeply
-        return frozenset(), frozenset()
-
-
-def own_syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST | None:
-    """Return the tree of a text in Python, with the lines of the file, for the caller to change; None of an invalid
-    one, which the compiler reports.
-    """
-    if expression.language != "python":
-        return None
-    try:
-        return parse_python(expression, "exec" if script else "eval")
-    except ModelError:
-        return None
-
-
-syntax_tree = lru_cache(maxsize=1024)(own_syntax_tree)
-"""The same, shared: do not change it."""
-
-
-def _code_of(script: Expression) -> frozenset[str]:
-    try:
-        return code_names(script)
-    except (ModelError, RecursionError):
-        return frozenset()
 
 
 @lru_cache
@@ -121,14 +86,6 @@ _MOST = 4096
 _LARGEST = 1e300
 """Larger numbers are not considered."""
 
-_SPELLINGS = (
-    (r"!==", "!="), (r"===", "=="), (r"&&", " and "), (r"\|\|", " or "), (r"!(?!=)", " not "),
-    (r"(?<![<>=!])=(?!=)", "=="), (r"\bempty\s+", "~"), (r"\bgt\b", ">"), (r"\bge\b", ">="), (r"\blt\b", "<"),
-    (r"\ble\b", "<="), (r"\beq\b", "=="), (r"\bne\b", "!="), (r"\btrue\b", "True"), (r"\bfalse\b", "False"),
-    (r"\bnull\b", "None"),
-)  # fmt: skip
-"""Spelling in other languages -> in Python; ``empty x`` becomes an operator of the same precedence."""
-
 _HOLDS = {
     ast.Lt: {-1}, ast.LtE: {-1, 0}, ast.Eq: {0}, ast.Is: {0}, ast.NotEq: {-1, 1}, ast.IsNot: {-1, 1},
     ast.GtE: {0, 1}, ast.Gt: {1},
@@ -140,7 +97,7 @@ _Value = bool | float
 
 def cover_all(conditions: Sequence[Expression]) -> bool:
     """Return whether one of the conditions is true for all values of the variables; False if that is unknown."""
-    trees = [condition_tree(condition) for condition in conditions]
+    trees = [effects_of(condition).condition for condition in conditions]
     try:
         return _cover_all([tree for tree in trees if tree is not None]) if None not in trees else False
     except RecursionError:  # nested too deeply
@@ -156,28 +113,6 @@ def _cover_all(trees: Sequence[ast.expr]) -> bool:
         return False
     cases = (dict(zip(values, case, strict=True)) for case in itertools.product(*values.values()))
     return all(any(_is_true(tree, case) for tree in trees) for case in cases)
-
-
-def python_tree(expression: Expression) -> ast.expr | None:
-    """Return an expression of any language as a Python syntax tree, None if it cannot be read as Python."""
-    text = expression.text.strip()
-    if expression.language != "python":
-        text = text[2:-1] if text[:2] in ("${", "#{") and text[-1:] == "}" else text
-        text = text.rstrip(";") if expression.language == "javascript" else text
-        for pattern, spelling in _SPELLINGS:
-            text = re.sub(pattern, spelling, text)
-    try:
-        return ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return None
-
-
-def condition_tree(condition: Expression) -> ast.expr | None:
-    """Return the tree of a condition that always gives the same result for the same variables, else None."""
-    tree = python_tree(condition)
-    if isinstance(tree, ast.Call) and called_name(tree) == "next" and len(tree.args) == 2:
-        tree = tree.args[1]  # next(null, x > 3), the condition of the original FaMe
-    return None if tree is None or "random" in condition.text else tree
 
 
 @dataclass(slots=True)
@@ -282,41 +217,3 @@ def _holds(left: ast.expr, operator: ast.cmpop, right: ast.expr, case: Mapping[s
     if isinstance(operator, ast.In | ast.NotIn):
         return (order == 0) == isinstance(operator, ast.In)
     return order in _HOLDS[type(operator)]
-
-
-# ---- what a script sets whatever happens -----------------------------------------------------------------------------
-
-
-@lru_cache(maxsize=1024)
-def certainly_set(script: Expression) -> frozenset[str]:
-    """Return the variables that a script sets whatever happens, unless it fails."""
-    return frozenset(name for statement in _statements(script) for name in _targets(statement))
-
-
-@lru_cache(maxsize=1024)
-def read_first(script: Expression) -> frozenset[str]:
-    """Return the names that a script may read before it has certainly set them."""
-    found, done = set[str](), set[str]()
-    for statement in _statements(script):
-        found |= {
-            node.id for node in ast.walk(statement)
-            if isinstance(node, ast.Name) and node.id not in done
-            and (isinstance(node.ctx, ast.Load) or isinstance(statement, ast.AugAssign))
-        }  # fmt: skip
-        done |= {*_targets(statement)}
-    return frozenset(found)
-
-
-def _statements(script: Expression) -> list[ast.stmt]:
-    try:
-        return list(getattr(parse_python(script), "body", ()))
-    except FameError:
-        return []
-
-
-def _targets(statement: ast.stmt) -> Iterator[str]:
-    """The variables that an assignment sets."""
-    for target in statement.targets if isinstance(statement, ast.Assign) else ():
-        for part in target.elts if isinstance(target, ast.Tuple | ast.List) else (target,):
-            if isinstance(part, ast.Name):
-                yield part.id

@@ -12,10 +12,10 @@ from pathlib import Path
 from fame.bpmn.library import BUILT_IN, Library
 from fame.bpmn.model import Body, DataObject, Definitions, FlowNode, Process
 from fame.bpmn.topics import topic_table
-from fame.check.expressions import expressions_in, read_first
+from fame.check.expressions import expressions_in
 from fame.dataclasses import dataclass
 from fame.errors import ConfigError
-from fame.scripting.analysis import Direction, script_topics
+from fame.scripting.effects import Direction, script_effects
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def _topics(definitions: Definitions, process: Process, nodes: Iterable[FlowNode
         used.update({(direction, use.name): use.type for direction, ends in directions.items() if ends})
     types = {name: type for (_, name), type in used.items()}
     for node in nodes:
-        for topic in script_topics(node.script) if node.script is not None else ():
+        for topic in script_effects(node).topics:
             used.setdefault((topic.direction, topic.qualified), topic.type or "")
             types[topic.qualified] = types.get(topic.qualified) or topic.type or ""
     for direction, name in sorted(used):
@@ -133,9 +133,9 @@ def _gather(body: Body, uses: _Uses) -> None:
         uses.reads[element.id], uses.sets[element.id] = set(), set()
     for text in expressions_in(body):
         if text.element.id in uses.reads:
-            first = read_first(text.expression) if text.use == "script" else text.reads
+            first = text.effects.read_first if text.use == "script" else text.reads
             uses.reads[text.element.id] |= first & text.reads
-            uses.sets[text.element.id] |= text.writes
+            uses.sets[text.element.id] |= text.effects.sets
     for node in body.nodes:
         for item in (uses.objects[id] for id in node.data_inputs if id in uses.objects):
             given = {name for name in item.names if _has_value(item, name)}

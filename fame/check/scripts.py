@@ -8,12 +8,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from fame.bpmn.model import Body, Element, Expression
-from fame.check.expressions import ExpressionUse, constant, expressions_in, syntax_tree
+from fame.check.expressions import ExpressionUse, constant, expressions_in
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
-from fame.scripting.analysis import identifiers_of
 from fame.scripting.interface import Log, Robot
 from fame.scripting.python import called_name
+from fame.scripting.python_effects import syntax_tree
 
 # ---- requests and the script interface -------------------------------------------------------------------------------
 
@@ -132,7 +132,7 @@ def _not_repeatable(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> 
     """Calls whose values a run with the same seed does not repeat. What one script imports, all of the process see."""
     found = [(text, syntax_tree(text.expression, script=text.use == "script")) for text in texts]
     trees = [(text, tree) for text, tree in found if tree is not None]
-    imported = {name: path for _, tree in trees for name, path in _imports(tree)}
+    imported = {name: path for text, _ in trees for name, path in text.effects.imports.items()}
     for text, tree in trees if imported else ():
         for node in ast.walk(tree):
             if not isinstance(node, ast.Call):
@@ -144,17 +144,6 @@ def _not_repeatable(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> 
                 problem = _UNSEEDED
             if problem is not None:
                 yield process.finding("warning", f"{path}() {problem}", text.element, node.lineno)
-
-
-def _imports(tree: ast.AST) -> Iterator[tuple[str, str]]:
-    """The names that a text imports, each with what it is: ``np`` and ``numpy``."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                whole = alias.name if alias.asname else alias.name.partition(".")[0]
-                yield alias.asname or whole, whole
-        elif isinstance(node, ast.ImportFrom):
-            yield from ((alias.asname or alias.name, f"{node.module}.{alias.name}") for alias in node.names)
 
 
 def _dotted(node: ast.AST) -> str:
@@ -189,18 +178,19 @@ def _is_used(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> bool:
 def _without_next(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iterator[Finding]:
     """Scripts that never call next(): they fail when they run."""
     for text in scripts:
-        if not identifiers_of(text.expression.text).next:
+        if text.effects.calls is not None and not text.effects.calls.next:
             found = "never calls next(), so it fails after it has run: next() completes a script"
             yield process.finding("warning", found, text.element, text.expression.line)
 
 
 def _piling_up(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iterator[Finding]:
     """Subscriptions that are made in each iteration of a loop, while nothing destroys any."""
-    if any(identifiers_of(text.expression.text).destroys for text in scripts):
+    calls = [(text, text.effects.calls) for text in scripts if text.effects.calls is not None]
+    if any(one.destroys for _, one in calls):
         return
     repeated = set(_repeated(process.bpmn.body, around=False))
-    for text in scripts:
-        if text.element.id in repeated and identifiers_of(text.expression.text).subscribes:
+    for text, one in calls:
+        if text.element.id in repeated and one.subscribes:
             found = "creates a subscription in each iteration: end the previous one with node.destroySubscription(...)"
             yield process.finding("note", found, text.element, text.expression.line)
 

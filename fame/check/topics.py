@@ -24,7 +24,6 @@ from fame.check.endpoints import (
     select_topics,
     taken_by_prefix,
 )
-from fame.check.expressions import syntax_tree
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine import UNDEFINED
 from fame.errors import MessageError, ModelError
@@ -32,6 +31,7 @@ from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.data import ExpressionError
 from fame.scripting.python import called_name
+from fame.scripting.python_effects import syntax_tree
 from fame.text import ros_name, wrong_topic
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from fame.bpmn.model import Element, Expression, FlowNode
 from fame.bpmn.topics import EMPTY_TYPE
 from fame.check.endpoints import TopicEndpoint, by_topic, message_fields, types_of
-from fame.check.expressions import ExpressionUse, constant, expressions_in, names_of, python_tree, syntax_tree
+from fame.check.expressions import ExpressionUse, constant, expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.topics import misfit
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of
@@ -27,7 +27,9 @@ from fame.errors import MessageError
 from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.data import ExpressionError
+from fame.scripting.effects import effects_of
 from fame.scripting.python import called_name
+from fame.scripting.python_effects import syntax_tree
 
 _MOST = 16
 """The largest number of sample combinations tried for a payload."""
@@ -163,10 +165,10 @@ def _field(type: str, path: str) -> tuple[Any, bool]:
 
 def _of_script(text: ExpressionUse) -> Iterator[tuple[str, tuple[Any, bool]]]:
     """(variable, (value, whether it is exact)) of each assignment in a script; the value is None if unknown."""
-    left = set(text.writes)
+    left = set(text.effects.sets)
     tree = syntax_tree(text.expression)
     for target, value in _assignments(tree) if tree is not None else ():
-        if target in text.writes:
+        if target in text.effects.sets:
             left.discard(target)
             yield target, _value(value)
     yield from ((name, (None, True)) for name in sorted(left))
@@ -241,7 +243,7 @@ def _overwritten(
 def _computes(text: ExpressionUse, name: str) -> bool:
     """Whether a text computes with or orders the variable itself."""
     script = text.use == "script" and text.expression.language == "python"
-    tree = syntax_tree(text.expression) if script else python_tree(text.expression)
+    tree = syntax_tree(text.expression) if script else text.effects.as_python
     for node in ast.walk(tree) if tree is not None else ():
         operands: list[ast.expr] = []
         if isinstance(node, ast.BinOp):
@@ -265,7 +267,7 @@ def _misfits(end: TopicEndpoint, known: _Samples, types: Mapping[str, str]) -> I
     type, expression = types.get(end.name), end.payload
     if type is None or expression is None or expression.language != "payload" or expression.text.lstrip()[:1] == "=":
         return
-    names = sorted(name for name in names_of(expression)[0] if _all_known(known.get(name, ()), name, expression))
+    names = sorted(name for name in effects_of(expression).reads if _all_known(known.get(name, ()), name, expression))
     values = [[sample.value for sample in known[name]] for name in names]
     if not names or math.prod(map(len, values)) > _MOST:
         return

@@ -16,13 +16,13 @@ from fame.bpmn.library import Library, calls_of
 from fame.bpmn.model import CallActivity, DataObject, Definitions, Element, Expression, FlowNode, Process, Task, Topic
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
-from fame.check.expressions import ExpressionUse, expressions_in, names_of
+from fame.check.expressions import ExpressionUse, expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level, find_scope
 from fame.dataclasses import dataclass, field
 from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.rooms import SERVICES
-from fame.scripting.analysis import identifiers_of
+from fame.scripting.effects import effects_of
 from fame.scripting.interface import NAMES, Robot
 
 _SMALL = {"true": "True", "false": "False", "null": "None"}
@@ -74,10 +74,10 @@ def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
         objects = {item.id: item for item in body.data_objects}
         for text in expressions_in(body):
             uses.texts.append(text)
-            for name in text.writes:
+            for name in text.effects.sets:
                 uses.sets.setdefault(name, text.element)
-            uses.code |= text.code
-            uses.opaque |= text.expression.language == "javascript" and identifiers_of(text.expression.text).open
+            uses.code |= text.effects.code
+            uses.opaque |= text.effects.open
         for node in body.nodes:
             for name in (*named_by(node), *_caught(process, node, objects, types)):
                 uses.sets.setdefault(name, node)
@@ -134,7 +134,7 @@ def assigned_objects(process: CheckedProcess) -> set[str]:
 
 def sets_something(name: str, expression: Expression) -> bool:
     """Return whether a value is more than a declaration such as ``x`` or ``x: ${x}``."""
-    return bool(expression.text.strip()) and names_of(expression)[0] != {name}
+    return bool(expression.text.strip()) and effects_of(expression).reads != {name}
 
 
 def _hidden(process: CheckedProcess, uses: Uses) -> Iterator[Finding]:
@@ -305,7 +305,7 @@ def parameters(definitions: Definitions, process: Process, library: Library) -> 
                     fixed.add(name)  # the called process sets it whatever its caller says
             for text in expressions_in(body):
                 reads |= text.reads
-                fixed |= text.writes | text.code
+                fixed |= text.effects.sets | text.effects.code
         for call in calls_of(one):
             if call.io is None:
                 called = library.find(home, call)

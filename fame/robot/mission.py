@@ -14,7 +14,7 @@ from fame.dataclasses import dataclass, fields, is_dataclass
 from fame.errors import ModelError
 from fame.randomness import RANDOM_MODULES
 from fame.robot.timers import Missed
-from fame.scripting import ScriptTopic, imported_modules, script_topics
+from fame.scripting import ScriptTopic, effects_of
 from fame.text import wrong_topic
 
 Retry = Literal["safe", "never", "ask"]
@@ -87,14 +87,15 @@ class Mission:
         for home, process in self.processes():
             source = home.source.replace(b"\0", b"")  # of UTF-16
             if any(word in source for word in _IMPORTERS):
-                imported |= {name for text in expressions_of(process) for name in imported_modules(text)}
+                texts = expressions_of(process)
+                imported |= {name for text in texts for name in effects_of(text, script=True).imports.values()}
         packages = frozenset(name.partition(".")[0] for name in imported) - _WITHOUT_RANDOM
         return packages if packages <= {"random"} else RANDOM_MODULES
 
     @cached_property
     def script_topics(self) -> tuple[tuple[Expression, ScriptTopic], ...]:
-        """What its scripts name, each with its script. Raises ModelError for a script that is wrong."""
-        return tuple((script, topic) for script in self.scripts() for topic in script_topics(script))
+        """What its scripts name, each with its script."""
+        return tuple((script, topic) for script in self.scripts() for topic in effects_of(script, script=True).topics)
 
 
 def expressions_of(part: Any) -> Iterator[Expression]:

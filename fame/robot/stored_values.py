@@ -6,7 +6,6 @@ defined itself cannot be stored: `unstorable` names it when a model is loaded.
 
 from __future__ import annotations
 
-import ast
 import re
 import sys
 from base64 import b64decode, b64encode
@@ -28,8 +27,8 @@ from fame.engine.encoding import no_data
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages, typesystem
 from fame.robot.mission import Mission, expressions_of
-from fame.scripting.analysis import code_names, identifiers_of, imported_modules, script_names
-from fame.scripting.python import parse_python
+from fame.scripting.effects import effects_of
+from fame.scripting.python_effects import syntax_tree
 
 _SIMPLE: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     complex: (lambda value: [value.real, value.imag], lambda data: complex(*data)),
@@ -110,7 +109,7 @@ class Loader:
     """Restores the values. Only modules that the scripts of the mission import are imported."""
 
     def __init__(self, mission: Mission) -> None:
-        imported = (name for script in mission.scripts() for name in imported_modules(script))
+        imported = (name for script in mission.scripts() for name in effects_of(script, script=True).imports.values())
         self._packages = {name.partition(".")[0] for name in imported}
 
     def __call__(self, data: Any) -> Any:
@@ -153,17 +152,15 @@ def refuse_unstorable(mission: Mission) -> None:
 
 
 def _left_behind(script: Expression, others: Sequence[Expression]) -> Iterator[str]:
-    if script.language == "javascript":
-        found = identifiers_of(script.text)
-        if found.subscribes and not found.destroys:
+    found = effects_of(script, script=True)
+    if found.calls is not None:
+        if found.calls.subscribes and not found.calls.destroys:
             yield "creates a subscription that is still there when the script is over"
-        if not found.next and re.search(r"\bsetTimeout\s*\(", script.text):
+        if not found.calls.next and re.search(r"\bsetTimeout\s*\(", script.text):
             yield "sets a timer whose callback runs when the script is over"
-        functions = found.writes & _functions_in_javascript(script.text)
-    elif script.language == "python":
-        functions = frozenset(code_names(script)) - set(_imported_names(script))
+        functions = found.sets & _functions_in_javascript(script.text)
     else:
-        return
+        functions = found.code - found.imports.keys() - {"*"}
     for name in sorted(functions):
         if any(_uses(other, name) for other in others):
             yield f"defines {name!r}, a function or class that later steps use"
@@ -181,16 +178,6 @@ def _functions_in_javascript(text: str) -> frozenset[str]:
 
 
 def _uses(expression: Expression, name: str) -> bool:
-    if expression.language == "python":
-        try:
-            return name in script_names(expression, script=True)[0]
-        except ModelError:  # an expression with ${...}
-            pass
+    if syntax_tree(expression) is not None:  # None of an expression with ${...}
+        return name in effects_of(expression, script=True).reads
     return re.search(rf"(?<![\w$]){re.escape(name)}(?![\w$])", expression.text) is not None
-
-
-def _imported_names(script: Expression) -> Iterator[str]:
-    for node in ast.walk(parse_python(script)):
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            yield from (alias.asname or alias.name.partition(".")[0] for alias in node.names)
-    yield "*"

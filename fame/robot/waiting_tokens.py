@@ -25,7 +25,7 @@ from fame.errors import display_name
 from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, resolve
 from fame.robot.mission import Mission
 from fame.robot.wait_sentences import sentence
-from fame.scripting import Runner, script_names
+from fame.scripting import Runner, effects_of
 from fame.scripting.requests import Act, Call
 
 A_PERSON = "a person to complete it"
@@ -289,8 +289,7 @@ class WaitingTokens:
         conditions = [condition for part in parts if (condition := self._conditions.get(part)) is not None]
         if conditions:
             found["conditions"] = [
-                {"text": condition.text, "reads": sorted(script_names(condition, script=False)[0])}
-                for condition in conditions
+                {"text": condition.text, "reads": sorted(effects_of(condition).reads)} for condition in conditions
             ]
         return found
 
@@ -397,7 +396,7 @@ class _Describer:
         condition = self.conditions.get((node.file, node.id))
         if condition is None:
             return waiting.CONDITION.name
-        names = sorted(script_names(condition, script=False)[0])
+        names = sorted(effects_of(condition).reads)
         values = [
             f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
         ]

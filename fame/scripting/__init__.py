@@ -5,10 +5,7 @@ compile_script    statements; returns None, or a suspended script if it has to w
 compile_expression  conditions and values
 interface         the module of the script interface: the ``__builtins__`` of the variables
 Runner            runs suspended scripts
-script_topics     the topics that a script names, for endpoints created at load
-script_names      the variables that a text reads and writes, for checks
-imported_modules  the modules that a text imports
-code_names        the functions, classes and modules that a script leaves for later ones, for checks
+effects_of        what a text reads, sets, changes, publishes, calls, imports, raises, without running it
 ================  =======================================================================
 """
 
@@ -17,14 +14,13 @@ from typing import TYPE_CHECKING
 from fame.imports import attach
 
 if TYPE_CHECKING:
-    from fame.scripting.analysis import (
-        ScriptTopic as ScriptTopic,
-        code_names as code_names,
-        imported_modules as imported_modules,
-        script_names as script_names,
-        script_topics as script_topics,
-    )
     from fame.scripting.budget import BudgetExceeded as BudgetExceeded, heartbeat as heartbeat
+    from fame.scripting.effects import (
+        Effects as Effects,
+        ScriptTopic as ScriptTopic,
+        effects_of as effects_of,
+        script_effects as script_effects,
+    )
     from fame.scripting.interface import (
         NAMES as NAMES,
         Log as Log,

@@ -5,8 +5,7 @@
     exploration     a team and its searches; the result
     abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
     slicing         statements of scripts that decide nothing
-    script_effects  what scripts change
-    script_requests failures of what scripts wait for, and codes that they compute
+    counting        lists of which only the length is read
     aliases         variables that may hold the same list or mapping
     asking          scripts and conditions that ask unknown values
     purity          which scripts are executed

@@ -16,17 +16,15 @@ from fame.bpmn.library import Library
 from fame.bpmn.pools import Pool, all_processes
 from fame.bpmn.topics import TopicUse
 from fame.check.explore.aliases import SHARED, Aliases
-from fame.check.explore.purity import may_raise
-from fame.check.explore.script_effects import changed_in_place, list_uses, may_change, script_writes, without_items
-from fame.check.explore.script_requests import computes_codes, outcomes, own_codes
+from fame.check.explore.counting import list_uses, without_items
 from fame.check.explore.slicing import assignments, links, sliced, unknown_part, without_operations
 from fame.check.explore.values import MARK
-from fame.check.expressions import cover_all, expressions_in, names_of
+from fame.check.expressions import cover_all, expressions_in
 from fame.dataclasses import dataclass, field, fields, replace
 from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.middleware.messages import is_action
-from fame.scripting import script_topics
+from fame.scripting.effects import effects_of, script_effects
 from fame.scripting.requests import STILL_RUNNING
 
 Home = tuple[model.Definitions, model.Process]
@@ -158,7 +156,7 @@ class Abstraction:
                 self.computed |= {(node.id, text): self.escalations if escalates else self.codes
                                   for text, escalates in _computed_in(node)}  # fmt: skip
             elif isinstance(node, model.Task) and node.kind == "script" and node.script is not None:
-                if around or node.id in caught or may_raise(node.script):
+                if around or node.id in caught or effects_of(node.script, script=True).fails:
                     self.caught.add(node.id)
                 self.asks[node.id] = self.asks.get(node.id, frozenset()) | self._asked(node, body, around)
                 node = replace(node, script=self._script(node.script, node.id in self.caught))
@@ -187,7 +185,7 @@ class Abstraction:
             fails |= self._unhandled(task, _fails(task, None) - fails, named)
         results = set[str]()
         if task.service is not None and task.io is not None and task.io.outputs:
-            results = {"msg"}.union(*(names_of(item.source)[0] for item in task.io.outputs))
+            results = {"msg"}.union(*(effects_of(item.source).reads for item in task.io.outputs))
         elif task.service is not None and not task.result_variable:
             results = {name for item in body.data_objects if item.id in task.data_outputs for name in item.names}
             results = results or {variable_name(task.service.name)}
@@ -196,7 +194,7 @@ class Abstraction:
 
     def _asked(self, task: model.Task, body: model.Body, around: bool) -> set[str]:
         """The codes with which the actions and services of a script fail, as those of a service task do."""
-        asked = outcomes(task.script)
+        asked = {*script_effects(task).asked}
         fails = asked & self.catches
         named = (asked & self.named) - fails
         if asked and self._is_caught(task, body, around):
@@ -233,7 +231,7 @@ class Abstraction:
         used = self._with_aliases(name for _, process in closure for name in _may_set(process))
         if call.io is not None:
             if not call.io.all_in:
-                given = {name for item in call.io.inputs for name in names_of(item.source)[0]}
+                given = {name for item in call.io.inputs for name in effects_of(item.source).reads}
                 changes, used = (given if names else set() for names in (changes, used))
             results = writes if call.io.all_out else {item.target for item in call.io.outputs}
             writes = set()
@@ -242,7 +240,7 @@ class Abstraction:
         others = self.named if thrown is None else _thrown_in(self.library, *called, self.named, set()) or set()
         named = {*others} - {*codes}
         inside = [one for _, called_process in closure for one in called_process.body.walk()]
-        served = any(one.service is not None or outcomes(one.script) for one in inside)
+        served = any(one.service is not None or script_effects(one).asked for one in inside)
         worked = any(one.operation and one.service is None for one in inside)
         own = {"service"} if served else {"script"} if worked else set[str]()
         any_code = thrown is None and any(map(_computes, inside))
@@ -298,7 +296,7 @@ def _fails(task: model.Task, catches: Set[str] | None) -> set[str]:
 
 def _computes(node: model.FlowNode) -> bool:
     """Whether a script or end event raises an error with a code that it computes."""
-    return computes_codes(node.script) or (
+    return script_effects(node).computes_code or (
         node.place == "end" and any(not escalates for _, escalates in _computed_in(node))
     )
 
@@ -382,29 +380,15 @@ def _ends(home: model.Definitions, process: model.Process) -> Iterator[tuple[str
     for node in process.body.walk():
         for topic, throws in node.topics():
             yield topic.qualified, throws
-        if node.script is not None:
-            for one in _script_topics(node.script):
-                if one.direction in ("publish", "subscribe"):
-                    yield one.qualified, one.direction == "publish"
-
-
-def _script_topics(script: model.Expression) -> Iterable:  # type: ignore[type-arg]
-    try:
-        return script_topics(script)
-    except FameError:
-        return ()
-
-
-def emitted(script: model.Expression) -> tuple[str, ...]:
-    """Return the topics that a script names to publish on."""
-    return tuple(one.qualified for one in _script_topics(script) if one.direction == "publish")
+        for one in script_effects(node).topics:
+            if one.direction in ("publish", "subscribe"):
+                yield one.qualified, one.direction == "publish"
 
 
 def _writes(process: model.Process) -> Iterator[str]:
     """The variables that a called process may set."""
     for node in process.body.walk():
-        if node.script is not None:
-            yield from script_writes(node.script)
+        yield from script_effects(node).writes
         if isinstance(node, model.Task) and node.result_variable:
             yield node.result_variable
         for topic, throws in node.topics():
@@ -418,15 +402,13 @@ def _writes(process: model.Process) -> Iterator[str]:
 def _may_change(process: model.Process) -> Iterator[str]:
     """The variables whose values a called process may change in place."""
     for node in process.body.walk():
-        if node.script is not None:
-            yield from changed_in_place(node.script) | may_change(node.script)
+        yield from script_effects(node).changes | script_effects(node).may_change
 
 
 def _may_set(process: model.Process) -> Iterator[str]:
     """The variables that scripts of a called process set, or may change in place."""
     for node in process.body.walk():
-        if node.script is not None:
-            yield from script_writes(node.script) | may_change(node.script)
+        yield from script_effects(node).writes | script_effects(node).may_change
 
 
 def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[str, ...]:
@@ -493,11 +475,11 @@ def _thrown_at(
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
     if isinstance(node, model.Task) and (node.operation or node.kind == "service"):
         return _fails(node, catches) if node.service is not None else None
-    asked = outcomes(node.script)
-    own = own_codes(node.script) if node.script is not None else set[str]()
-    if own is not None and node.script is not None and may_raise(node.script):
-        own = own | {"script"}
-    return None if own is None else own | (asked & catches if catches is not None else asked - {"canceled"})
+    effects = script_effects(node)
+    if effects.codes is None:
+        return None
+    asked = effects.asked & catches if catches is not None else effects.asked - {"canceled"}
+    return {*effects.codes, *asked, *(["script"] if effects.fails else [])}
 
 
 # ---- variables that decide something ---------------------------------------------------------------------------------
@@ -552,7 +534,7 @@ def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool 
                 case "value":
                     flow.needed |= use.reads
                 case "script":
-                    loud = set(emitted(use.expression)) & (found.shared | found.types.keys())
+                    loud = {*use.effects.publishes} & (found.shared | found.types.keys())
                     caught = use.element.id in found.caught
                     if (
                         loud
@@ -560,8 +542,8 @@ def _flow_of(found: Abstraction, bodies: Sequence[model.Body], *, divided: bool 
                         or any(word in use.expression.text for word in ("raise", "throw", "assert", "signal("))
                     ):
                         flow.needed |= use.reads
-                    changes = may_change(use.expression) if use.expression.text.startswith(SHARED) else frozenset()
-                    whole = (use.reads, use.writes | script_writes(use.expression) | changes)
+                    changes = use.effects.may_change if use.expression.text.startswith(SHARED) else frozenset()
+                    whole = (use.reads, use.effects.writes | changes)
                     flow.links += links(use.expression) if divided and not caught else (whole,)
         for node in body.nodes:
             _flow_of_topics(flow, node, body)
@@ -575,9 +557,9 @@ def _flow_of_topics(flow: _Flow, node: model.FlowNode, body: model.Body) -> None
     flow.needed |= names
     for topic, throws in node.topics():
         if throws and topic.payload is not None:
-            flow.payloads.append((topic.qualified, names_of(topic.payload)[0]))
+            flow.payloads.append((topic.qualified, effects_of(topic.payload).reads))
         elif not throws:
-            reads = frozenset(name for item in topic.takes for name in names_of(item.source)[0])
+            reads = frozenset(name for item in topic.takes for name in effects_of(item.source).reads)
             flow.takes.append((topic.qualified, reads, frozenset(taken(node, topic, body)) | names))
 
 
@@ -592,7 +574,7 @@ def _counted(processes: Iterable[model.Process]) -> frozenset[str]:
                     counted |= found[0]
                     others |= found[1]
                 else:
-                    others |= use.reads | use.writes
+                    others |= use.reads | use.effects.sets
             others |= {name for node in body.nodes for name in used_besides_texts(node, body)}
     return frozenset(counted - others)
 
@@ -602,10 +584,10 @@ def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     yield from node.sets()
     yield from node.io.sets() if node.io is not None else ()
     for topic, throws in node.topics():
-        yield from (name for key, source in node.keys_of(topic) for name in (key, *names_of(source)[0]))
+        yield from (name for key, source in node.keys_of(topic) for name in (key, *effects_of(source).reads))
         if not throws:
             yield from taken(node, topic, body)
-            yield from (name for item in topic.takes for name in names_of(item.source)[0])
+            yield from (name for item in topic.takes for name in effects_of(item.source).reads)
 
 
 def _unknown(

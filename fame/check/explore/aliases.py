@@ -15,18 +15,22 @@ import ast
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import fields, is_dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 from fame.bpmn import model
 from fame.check.explore.graph import reachable
-from fame.check.explore.script_effects import ChangedPlace, changes_in_place, mappings_in, new_value, parts_in
 from fame.check.explore.values import UndecidableError, is_unknown
-from fame.check.expressions import expressions_in, names_of
+from fame.check.expressions import expressions_in
 from fame.engine.data import variable_name
+from fame.scripting.effects import effects_of
 from fame.scripting.python import accepted
+from fame.scripting.python_effects import NEW, changed_place, handed_over, root, syntax_tree
 
 SHARED = "_shared_"
 """The name under which scripts call `shared`."""
+ChangedPlace = tuple[str, bool]
+"""A variable that a script changes in place, and whether it is only the object of the variable itself."""
 Flow = tuple[Set[str], Set[str], bool]
 """(from, to, whether the object of the second itself may be one of the first): how values flow between variables."""
 
@@ -103,7 +107,7 @@ def _flows_in(body: model.Body, mappings: Set[str]) -> Iterator[Flow]:
             for one in ast.walk(found[1]):
                 yield from _flows_at(one, mappings)
         elif use.use == "script":  # in JavaScript
-            yield use.reads, use.writes, True
+            yield use.reads, use.effects.sets, True
         elif isinstance(use.element, model.DataObject):
             yield use.reads, {*use.element.names}, True
 
@@ -113,10 +117,10 @@ def _flows_of(node: model.FlowNode) -> Iterator[Flow]:
         if not throws:
             yield {f"?{topic.qualified}"}, {item.target for item in topic.takes}, True
     for item in (*node.io.inputs, *node.io.outputs) if node.io is not None else ():
-        yield names_of(item.source)[0], {item.target}, True
+        yield effects_of(item.source).reads, {item.target}, True
     if isinstance(node.loop, model.MultiInstance):
         inside = {node.loop.element_variable, node.loop.output_collection} - {""}
-        read = {name for text, _ in node.texts() for name in names_of(text)[0]}
+        read = {name for text, _ in node.texts() for name in effects_of(text).reads}
         yield read | inside, inside, True
 
 
@@ -150,6 +154,75 @@ def _roots(target: ast.AST) -> set[str]:
     while isinstance(target, ast.Subscript | ast.Attribute | ast.Starred | ast.Call):
         target = target.func if isinstance(target, ast.Call) else target.value
     return {target.id} if isinstance(target, ast.Name) else set()
+
+
+@lru_cache(maxsize=1024)
+def changes_in_place(script: model.Expression) -> frozenset[ChangedPlace]:
+    """Return what a script in Python may change in lists, mappings or objects, which other variables may hold too."""
+    found = set[ChangedPlace]()
+    for node in ast.walk(syntax_tree(script) or ast.Pass()):
+        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
+            found.add((node.target.id, True))
+        elif (place := changed_place(node)) is not None:
+            found |= {(name, isinstance(place, ast.Name)) for name in root(place)}
+        elif isinstance(node, ast.Call):
+            found |= {(name, False) for name in handed_over(node) if name in effects_of(script, script=True).may_change}
+    return frozenset(found)
+
+
+def parts_in(node: ast.AST, mappings: Set[str] = frozenset()) -> set[str]:
+    """Return the names in an expression of whose values it may hold a part; functions give keys of `mappings`."""
+    inside: list[ast.AST] = [*ast.iter_child_nodes(node)]
+    match node:
+        case ast.Name():
+            return {node.id}
+        case ast.UnaryOp() | ast.Compare() | ast.JoinedStr() | ast.Constant():
+            return set()
+        case ast.BinOp(op=op) if not isinstance(op, ast.Add | ast.Mult | ast.BitOr):
+            return set()
+        case ast.Call(func=function):
+            if _is_fresh(function):
+                return set()
+            given = [*node.args, *(one.value for one in node.keywords if one.arg != "key")]
+            inside = [one for one in given if not (isinstance(one, ast.Name) and one.id in mappings)]
+            inside += [function.value] if isinstance(function, ast.Attribute) else []
+        case ast.Subscript(value=value):
+            inside = [value]
+    return set[str]().union(*(parts_in(one, mappings) for one in inside))
+
+
+def mappings_in(tree: ast.AST) -> tuple[set[str], set[str]]:
+    """Return the names to which a script assigns new mappings or sets, and those to which it assigns other values."""
+    found = dict[int, str]()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Assign(targets=[ast.Name(id=name) as target], value=value):
+                match value:
+                    case ast.Dict() | ast.DictComp() | ast.Set() | ast.SetComp() | ast.Call(ast.Name("dict" | "set")):
+                        found[id(target)] = name
+    stores = (node for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
+    return {*found.values()}, {node.id for node in stores if id(node) not in found}
+
+
+def new_value(node: ast.AST) -> bool:
+    """Return whether the value of an expression is an object of its own, though parts of it need not be."""
+    return isinstance(node, NEW) or (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+                                      and node.func.id in _FRESH | _COPIES)  # fmt: skip
+
+
+def _is_fresh(function: ast.AST) -> bool:
+    if isinstance(function, ast.Attribute):
+        return isinstance(function.value, ast.Name) and function.value.id == "math"
+    return isinstance(function, ast.Name) and function.id in _FRESH
+
+
+_FRESH = frozenset(
+    ("abs", "all", "any", "bool", "bytes", "divmod", "float", "format", "hash", "int", "isinstance", "len", "print",
+     "range", "repr", "round", "str", "sum")
+)  # fmt: skip
+"""Functions whose results hold no part of their arguments."""
+_COPIES = frozenset(("dict", "list", "set", "sorted", "tuple"))
+"""Functions whose results are new, and hold parts of their arguments."""
 
 
 # ---- values ----------------------------------------------------------------------------------------------------------

@@ -15,14 +15,12 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
-from fame.check.explore.abstraction import Abstraction, AbstractStep, emitted, step_name
+from fame.check.explore.abstraction import Abstraction, AbstractStep, step_name
 from fame.check.explore.aliases import SHARED, Aliases, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.graph import reachable
-from fame.check.explore.purity import STEPS, catches, is_certain, is_computable, may_raise, waits
+from fame.check.explore.purity import STEPS, is_computable
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
-from fame.check.explore.script_effects import changed_in_place, may_change, script_writes
-from fame.check.explore.script_requests import computes_codes, own_codes
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.dataclasses import dataclass, field, replace
@@ -34,7 +32,7 @@ from fame.errors import FameError, ModelError
 from fame.iso8601 import parse_duration
 from fame.middleware import typesystem
 from fame.middleware.definitions import Field
-from fame.scripting import compile_expression, compile_script, script_names
+from fame.scripting import compile_expression, compile_script, effects_of
 from fame.scripting.interface import interface
 from fame.text import topic_of
 
@@ -190,7 +188,8 @@ class ExplorationHost:
             self.traceable = False
         if script:
             run = self._script(expression, element, file)
-            return self._noted(run if waits(expression) else self._forgetting(run, expression), element)
+            waits = effects_of(expression, script=True).waits
+            return self._noted(run if waits else self._forgetting(run, expression), element)
         key = key_of(expression)
         made = self._expression(expression, element, file)
         codes = self.computed.get((element, expression.text))
@@ -205,7 +204,7 @@ class ExplorationHost:
             run = compile_expression(asking(expression, "eval"), file=file, element=element)
             if not is_computable(expression, self.fields, "eval"):
                 return self._uncomputed(element)
-            return self._python(run, script_names(expression)[0], element)
+            return self._python(run, effects_of(expression).reads, element)
         run = compile_expression(expression, file=file, element=element)
         if expression.language == "payload":
             return self._checked(run, expression, element, open_to=_inserted_whole(expression.text))
@@ -236,7 +235,8 @@ class ExplorationHost:
 
     def _forgetting(self, run: Callable[..., Any], script: Expression) -> Callable[..., Any]:
         """The script, which first forgets the outcomes of conditions that read what it may change in place."""
-        names = (changed_in_place(script) | may_change(script)) & self.memory.readers.keys()
+        effects = effects_of(script, script=True)
+        names = (effects.changes | effects.may_change) & self.memory.readers.keys()
 
         def change_and_run(variables: dict[str, Any]) -> Any:
             self.memory.change(names)
@@ -292,7 +292,7 @@ class ExplorationHost:
         self, run: Callable[..., Any], expression: Expression, element: str, *, open_to: Set[str] = frozenset()
     ) -> Callable[..., Any]:  # fmt: skip
         """An expression that is unknown if it uses an unknown value, except of variables that it only inserts."""
-        number, closed = self.values.number, script_names(expression)[0] - open_to
+        number, closed = self.values.number, effects_of(expression).reads - open_to
         text = expression.language == "template"
         paths = {name: re.findall(rf"\b{re.escape(name)}((?:\.[^\W\d]\w*)*)", expression.text) for name in closed}
 
@@ -310,7 +310,7 @@ class ExplorationHost:
         return evaluate
 
     def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
-        step = step_of(script)
+        step, effects = step_of(script), effects_of(script, script=True)
         step = replace(step, codes=tuple(sorted({*step.codes, *self.asks.get(element, ())})))
         if script.language == "javascript":
             shown = {other for name in step.changes for other in self.aliases.of((name, False))}
@@ -318,9 +318,9 @@ class ExplorationHost:
         if script.language == "python":
             run = compile_script(asking(script), file=file, element=element)
         computable = is_computable(script, self.fields)
-        if (may_raise(script) or computes_codes(script)) and (waits(script) or catches(script) or not computable):
+        if (effects.fails or effects.computes_code) and (effects.waits or effects.catches or not computable):
             self.opaque.add(element)
-        if waits(script):
+        if effects.waits:
             running = Running(step)
             return lambda variables: running
         quiet = not step.emits and not step.codes and not any(one in script.text for one in ("signal", "BpmnError"))
@@ -332,8 +332,8 @@ class ExplorationHost:
             return lambda variables: None
         if not computable:
             return lambda variables: self._abstract(step, element, variables)
-        if catches(script):
-            reads = script_names(script, script=True)[0]
+        if effects.catches:
+            reads = effects.reads
             return lambda variables: (
                 self._abstract(step, element, variables)
                 if any(holds_unknown(variables.get(name)) for name in reads)
@@ -560,10 +560,10 @@ def step_under_way(wait: Wait) -> AbstractStep:
 
 def step_of(script: Expression) -> AbstractStep:
     """Return the known effects of a script that is not run."""
-    codes = own_codes(script) or ()
-    emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
-    writes, changes = script_writes(script), changed_in_place(script) | may_change(script)
-    return AbstractStep(tuple(sorted(writes)), tuple(sorted(changes)), codes=tuple(sorted(codes)), emits=emits)
+    effects = effects_of(script, script=True)
+    emits = tuple((topic, topic in effects.certain) for topic in effects.publishes)
+    changes = tuple(sorted(effects.changes | effects.may_change))
+    return AbstractStep(tuple(sorted(effects.writes)), changes, codes=tuple(sorted(effects.codes or ())), emits=emits)
 
 
 def _at(value: Any, path: str) -> Any:

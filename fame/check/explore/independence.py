@@ -60,8 +60,8 @@ class Structure:
         for use in expressions_in(body):
             element = use.element.source if isinstance(use.element, model.SequenceFlow) else use.element.id
             if element in self._touched:
-                reads = use.reads if use.use != "script" else use.reads | use.writes
-                self._touched[element].add(_Touched(set(reads) & self._kept, set(use.writes) & self._kept))
+                reads = use.reads if use.use != "script" else use.reads | use.effects.sets
+                self._touched[element].add(_Touched(set(reads) & self._kept, set(use.effects.sets) & self._kept))
         for node in body.nodes:
             self._nodes[node.id] = node
             self._add_node(node, owner, around)

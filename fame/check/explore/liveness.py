@@ -9,18 +9,21 @@ removed if no way leads to an element that reads it.
 
 from __future__ import annotations
 
+import ast
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from functools import lru_cache
 from types import MappingProxyType
 
 from fame.bpmn import model
 from fame.check.explore.abstraction import Abstraction, taken
 from fame.check.explore.graph import reachable
 from fame.check.explore.remembering import key_of
-from fame.check.explore.script_effects import only_changed
-from fame.check.expressions import certainly_set, expressions_in, names_of, read_first
+from fame.check.expressions import expressions_in
 from fame.engine.data import variable_name
 from fame.errors import FameError
+from fame.scripting.effects import effects_of, script_effects
+from fame.scripting.python_effects import CHANGING_METHODS, syntax_tree
 
 Dead = tuple[frozenset[str], frozenset[str]]
 """Variables whose values are not read before they are set, and variables that are not read at all."""
@@ -138,7 +141,7 @@ class Liveness:
                 element = use.element.source if isinstance(use.element, model.SequenceFlow) else use.element.id
                 changes = frozenset[str]()  # what the script has set before, too
                 if use.use == "script":
-                    changes = only_changed(use.expression) | (use.reads - read_first(use.expression))
+                    changes = only_changed(use.expression) | (use.reads - use.effects.read_first)
                 self._reads[element] |= (use.reads - changes) | ({key_of(use.expression)} & self._remembered.keys())
                 self._changes[element] |= changes
 
@@ -160,7 +163,7 @@ class Liveness:
         sources = [item.source for item in (*(call.io.outputs if call.io else ()), *call.copies_out)]
         self._open.append(key)
         mapped |= call.io is not None or bool(call.copies_in or call.copies_out)
-        self._add(there, body, leaving, aside, results.union(*(names_of(one)[0] for one in sources)), mapped)
+        self._add(there, body, leaving, aside, results.union(*(effects_of(one).reads for one in sources)), mapped)
         self._open.pop()
 
 
@@ -186,20 +189,41 @@ def _read_by(node: model.FlowNode, matters: Set[str]) -> Iterator[str]:
         yield node.loop.output_collection
     for topic, throws in node.topics():
         for name, source in node.keys_of(topic):
-            yield from (name, name.partition(".")[0], *names_of(source)[0])
+            yield from (name, name.partition(".")[0], *effects_of(source).reads)
         if throws and topic.payload is not None and topic.qualified in matters:
-            yield from names_of(topic.payload)[0]
+            yield from effects_of(topic.payload).reads
         elif not throws:
-            yield from (name for item in topic.takes for name in names_of(item.source)[0])
+            yield from (name for item in topic.takes for name in effects_of(item.source).reads)
 
 
 def _set_by(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     """The variables that an element certainly sets if it completes."""
     if node.tag == "scriptTask" and node.script is not None:
-        yield from certainly_set(node.script)
+        yield from script_effects(node).always
     elif len(node.definitions) == 1:
         for topic, throws in node.topics():
             name = variable_name(topic.name)
             if not throws and not topic.takes and taken(node, topic, body) == (name,):
                 yield name
-            yield from (item.target for item in topic.takes if names_of(item.source)[0] <= {"msg"})
+            yield from (item.target for item in topic.takes if effects_of(item.source).reads <= {"msg"})
+
+
+@lru_cache(maxsize=1024)
+def only_changed(script: model.Expression) -> frozenset[str]:
+    """Return the variables that a script in Python only changes: ``x[k] = ...``, ``x.append(...)``, ``x += ...``."""
+    tree = syntax_tree(script)
+    if tree is None:
+        return frozenset()
+    changing, counted_up = set[int](), set[int]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            changing |= {id(target.value) for target in node.targets if isinstance(target, ast.Subscript)}
+        elif isinstance(node, ast.AugAssign):
+            counted_up.add(id(node.target))
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            function = node.value.func
+            if isinstance(function, ast.Attribute) and function.attr in CHANGING_METHODS:
+                changing.add(id(function.value))
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    read = {node.id for node in names if isinstance(node.ctx, ast.Load) and id(node) not in changing}
+    return frozenset({node.id for node in names if id(node) in changing | counted_up} - read)

@@ -9,41 +9,12 @@ remembered are conditions with functions that are not known to give the same aga
 
 from __future__ import annotations
 
-import ast
-import re
 from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any
 
 from fame.bpmn import model
-from fame.check.expressions import condition_tree, expressions_in, names_of, syntax_tree
+from fame.check.expressions import expressions_in
 from fame.engine.data import Variables
-from fame.scripting.analysis import identifiers_of
-from fame.scripting.interface import NAMES
-
-_BEHIND_ITS_BACK = re.compile(
-    r"\b(global|nonlocal|exec|eval|globals|locals|vars|setattr|class|del)\b|__|:=|\bimport\s*\*"
-)
-"""How a text may set variables unseen, or change what a comparison means."""
-_BEHIND_IN_JAVASCRIPT = re.compile(
-    r"""\b(Function|with|Proxy|Reflect|Symbol|prototype|defineProperty|defineProperties)\b|\b[gs]et\s+[\w$[\"']"""
-    r"""|\b(valueOf|toString|toJSON)\s*([:=](?!=)|\([^()]*\)\s*\{)"""
-)
-"""How a text in JavaScript may do so."""
-_PURE = frozenset(
-    ("abs", "all", "any", "bool", "float", "int", "isinstance", "len", "max", "min", "round", "sorted", "str", "sum")
-)
-
-_JAVASCRIPT_NAMES = ("Infinity", "NaN", "environment", "this", "undefined")
-_JAVASCRIPT_WORDS = {"Infinity", "NaN", "undefined", "true", "false", "null", "typeof"}
-_STRING_IN_JAVASCRIPT = re.compile(r"""'[^'\\]*'|"[^"\\]*\"""")
-_VARIABLE_IN_JAVASCRIPT = re.compile(r"\bthis\.environment\.variables(\??\.(?!ros_node\b|node\b)[\w$]+)+")
-_EFFECT_IN_JAVASCRIPT = re.compile(r"[\w$\])]\s*(\?\.)?\(|[`/]|\+\+|--|=>|>>=|<<=|(?<![=!<>])=(?!=)")
-"""A call, an assignment, or what hides one."""
-_IMPURE = {
-    "feel": re.compile(r"\b(random number|uuid|now|today)\s*\("),
-    "juel": re.compile(r"(?<!\bnot)(?<!\bempty)(?<!\band)(?<!\bor)\b\s*\("),
-}
-"""Functions of other languages that may give something else each time."""
 
 
 class Memory:
@@ -163,17 +134,11 @@ def remembered(bodies: Iterable[model.Body]) -> dict[str, frozenset[str]]:
     for body in bodies:
         others |= {node.loop.output_collection for node in body.nodes if isinstance(node.loop, model.MultiInstance)}
         for use in expressions_in(body):
-            if _BEHIND_ITS_BACK.search(use.expression.text):
+            if use.effects.unseen:
                 return {}
-            if use.expression.language == "javascript":
-                names = identifiers_of(use.expression.text)
-                if names.open or _BEHIND_IN_JAVASCRIPT.search(use.expression.text):
-                    return {}
-                if names.functions or use.use != "script":  # which may set them at another time
-                    others |= names.writes | (names.reads if names.functions else frozenset())
-            others |= use.code
-            if use.use == "condition" and (reads := _read(use.expression)):
-                found[key_of(use.expression)] = reads
+            others |= use.effects.later
+            if use.use == "condition" and use.effects.steady and use.effects.reads:
+                found[key_of(use.expression)] = use.effects.reads
     return {key: reads for key, reads in found.items() if not reads & others}
 
 
@@ -184,41 +149,3 @@ def _is_key(name: str) -> bool:
 def key_of(condition: model.Expression) -> str:
     """Return the name under which the outcome of a condition is kept among the variables: no other one is called so."""
     return f"?{condition.language} {' '.join(condition.text.split())}"
-
-
-def _read(condition: model.Expression) -> frozenset[str]:
-    """The variables that a condition reads; none if something else may change its outcome."""
-    if condition.language == "python":
-        tree = syntax_tree(condition, script=False)
-        pure = tree is not None and all(map(_is_pure, ast.walk(tree)))
-    elif condition.language == "javascript":
-        tree = condition_tree(condition)
-        if tree is not None:
-            pure = all(map(_is_pure_in_javascript, ast.walk(tree)))
-        else:  # a form that Python does not have
-            left = _VARIABLE_IN_JAVASCRIPT.sub("0", _STRING_IN_JAVASCRIPT.sub("0", condition.text))
-            pure = (
-                not _EFFECT_IN_JAVASCRIPT.search(left) and {*re.findall(r"[A-Za-z_$][\w$]*", left)} <= _JAVASCRIPT_WORDS
-            )
-    else:
-        impure = _IMPURE.get(condition.language)
-        pure = impure is not None and not impure.search(condition.text)
-    return names_of(condition)[0] - _PURE if pure else frozenset()
-
-
-def _is_pure_in_javascript(node: ast.AST) -> bool:
-    """Whether a part of a condition, read as Python, only reads variables, by ``environment.variables``."""
-    if isinstance(node, ast.Attribute):
-        of_this = isinstance(node.value, ast.Name) and node.value.id == "this"
-        return node.attr == "environment" if of_this else node.attr not in ("node", "ros_node")
-    return not isinstance(node, ast.Call | ast.NamedExpr | ast.Lambda | ast.Await) and (
-        not isinstance(node, ast.Name) or node.id in _JAVASCRIPT_NAMES
-    )
-
-
-def _is_pure(node: ast.AST) -> bool:
-    if isinstance(node, ast.Call):
-        return isinstance(node.func, ast.Name) and node.func.id in _PURE
-    if isinstance(node, ast.Name):
-        return node.id not in NAMES  # what is there changes by itself
-    return not isinstance(node, ast.NamedExpr | ast.Lambda | ast.Await)

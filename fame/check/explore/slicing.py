@@ -17,19 +17,21 @@ from dataclasses import replace
 from functools import lru_cache
 
 from fame.bpmn.model import Expression
-from fame.check.explore.purity import CHANGING_METHODS, READING_METHODS
-from fame.check.explore.script_effects import changes_parts, may_change, script_writes
-from fame.check.expressions import names_of, own_syntax_tree, syntax_tree
+from fame.scripting.effects import effects_of
+from fame.scripting.python_effects import (
+    CHANGING_METHODS,
+    COMPUTING,
+    READING_METHODS,
+    changes_parts,
+    own_syntax_tree,
+    syntax_tree,
+)
 
 Dependency = tuple[frozenset[str], frozenset[str]]
 """(reads, writes): what is written depends on what is read."""
 
 _UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, ast.ImportFrom, ast.Global, ast.Nonlocal,
               ast.Await, ast.AsyncFor, ast.AsyncWith, ast.NamedExpr, ast.Delete)  # fmt: skip
-_WITHOUT_EFFECT = frozenset(
-    ("abs", "all", "any", "bool", "dict", "divmod", "enumerate", "float", "frozenset", "int", "len", "list", "log",
-     "max", "min", "print", "range", "repr", "reversed", "round", "set", "sorted", "str", "sum", "tuple", "zip")
-)  # fmt: skip
 
 
 @lru_cache(maxsize=1024)
@@ -38,8 +40,8 @@ def links(script: Expression) -> tuple[Dependency, ...]:
     is taken as a whole."""
     statements = _statements(script)
     if statements is None:
-        reads, writes = names_of(script, True)
-        return ((reads, writes | script_writes(script)),)
+        effects = effects_of(script, script=True)
+        return ((effects.reads, effects.writes),)
     return tuple(link for _, _, link in statements)
 
 
@@ -56,18 +58,18 @@ def sliced(script: Expression, needed: Set[str]) -> Expression:
 def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Dependency]] | None:
     """(statement, whether it does more than set variables, its link); None if a script is taken as a whole."""
     tree = _tree(script)
-    if tree is None or any(isinstance(node, _UNDIVIDED) for node in ast.walk(tree)) or may_change(script):
+    if tree is None or any(isinstance(node, _UNDIVIDED) for node in ast.walk(tree)) or changes_parts(tree):
         return None
-    if changes_parts(tree):
+    if effects_of(script, script=True).may_change:
         return None
     found = []
     for statement in tree.body:
-        alone = replace(script, text=ast.unparse(statement))
+        alone = effects_of(replace(script, text=ast.unparse(statement)), script=True)
         nodes = list(ast.walk(statement))
         loud = any(isinstance(node, ast.Raise | ast.Assert) for node in nodes) or not all(
             _has_no_effect(node) for node in nodes if isinstance(node, ast.Call)
         )
-        found.append((statement, loud, (names_of(alone, True)[0], script_writes(alone))))
+        found.append((statement, loud, (alone.reads, alone.writes)))
     return found
 
 
@@ -80,7 +82,7 @@ def _has_no_effect(call: ast.Call) -> bool:
     function = call.func
     if isinstance(function, ast.Attribute):
         return function.attr in READING_METHODS or function.attr in CHANGING_METHODS or _is_of_numbers(function)
-    return isinstance(function, ast.Name) and function.id in _WITHOUT_EFFECT
+    return isinstance(function, ast.Name) and (function.id in COMPUTING or function.id == "log")
 
 
 # ---- what is certainly unknown ---------------------------------------------------------------------------------------
@@ -88,7 +90,7 @@ def _has_no_effect(call: ast.Call) -> bool:
 
 def assignments(script: Expression) -> Iterator[tuple[str, ast.expr | None]]:
     """(variable, value) of what a script sets; None for a value that is not one expression."""
-    tree = _tree(script)
+    tree, effects = _tree(script), effects_of(script, script=True)
     plain = [node for node in ast.walk(tree) if _is_plain(node)] if tree is not None else []
     targets = {id(node.targets[0]) for node in plain if isinstance(node, ast.Assign)}
     for node in plain:
@@ -98,8 +100,8 @@ def assignments(script: Expression) -> Iterator[tuple[str, ast.expr | None]]:
     set_otherwise = {
         node.id for node in ast.walk(tree) if isinstance(node, ast.Name)
         and not isinstance(node.ctx, ast.Load) and id(node) not in targets
-    } if tree is not None else script_writes(script)  # fmt: skip
-    in_place = (script_writes(script) | may_change(script)) - names_of(script, True)[1]
+    } if tree is not None else effects.writes  # fmt: skip
+    in_place = (effects.writes | effects.may_change) - effects.sets
     yield from ((name, None) for name in (*set_otherwise, *in_place))
 
 

@@ -15,10 +15,10 @@ from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
-from fame.check.explore.purity import CHANGING_METHODS
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.definitions import EMPTY_FIELD
+from fame.scripting.python_effects import CHANGING_METHODS
 
 MOST_ITEMS = 2
 """Items of a list that is unknown."""

@@ -1,0 +1,69 @@
+"""Lists of which only the length is read: what they contain decides nothing, and is left out."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from functools import lru_cache
+
+from fame.bpmn.model import Expression
+from fame.scripting.effects import effects_of
+from fame.scripting.python_effects import own_syntax_tree, syntax_tree
+
+
+@lru_cache(maxsize=1024)
+def list_uses(text: Expression, *, script: bool) -> tuple[frozenset[str], frozenset[str]]:
+    """(counted, others): the variables of which a text uses only the length as a list, and the others that it uses.
+
+    Using only the length is ``len(x)``, ``x.append(...)`` as a statement, and ``x = [...]``.
+    """
+    effects = effects_of(text, script=script)
+    tree = syntax_tree(text, script=script)
+    if tree is None:
+        return frozenset(), effects.reads | effects.sets
+    fine = {id(name) for node in ast.walk(tree) for name in _only_counted(node)}
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    others = {node.id for node in names if id(node) not in fine} | {
+        name for node in ast.walk(tree) if isinstance(node, ast.Global | ast.Nonlocal) for name in node.names
+    }
+    return frozenset({node.id for node in names} - others), frozenset(others)
+
+
+def _only_counted(node: ast.AST) -> Iterator[ast.Name]:
+    """The names in a node that stand for a list of which only the length matters there."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "len":
+        yield node.func
+        yield from (argument for argument in node.args if isinstance(argument, ast.Name))
+    elif isinstance(node, ast.Assign) and isinstance(node.value, ast.List) and len(node.targets) == 1:
+        yield from (target for target in node.targets if isinstance(target, ast.Name))
+    elif (name := _appended_to(node)) is not None:
+        yield name
+
+
+def _appended_to(node: ast.AST) -> ast.Name | None:
+    """The list of a statement ``x.append(...)``."""
+    if (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Attribute)
+            and node.value.func.attr == "append" and len(node.value.args) == 1 and not node.value.keywords
+            and isinstance(node.value.func.value, ast.Name)):  # fmt: skip
+        return node.value.func.value
+    return None
+
+
+def without_items(script: Expression, counted: frozenset[str]) -> Expression:
+    """Return the script with ``x.append(None)`` for lists of which only the length is read."""
+    tree = own_syntax_tree(script) if "append" in script.text else None
+    if tree is None:
+        return script
+    changed = False
+    for node in ast.walk(tree):
+        name = _appended_to(node)
+        if name is not None and name.id in counted:
+            assert isinstance(node, ast.Expr)
+            assert isinstance(node.value, ast.Call)
+            if not any(isinstance(one, _EFFECTS) for one in ast.walk(node.value.args[0])):
+                node.value.args[0] = ast.copy_location(ast.Constant(None), node.value.args[0])
+                changed = True
+    return Expression(ast.unparse(tree), "python", script.line) if changed else script
+
+
+_EFFECTS = (ast.Call, ast.Await, ast.NamedExpr, ast.Yield, ast.YieldFrom)

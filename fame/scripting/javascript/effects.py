@@ -1,0 +1,190 @@
+"""The effects of a text in JavaScript, which is not parsed.
+
+Comments and string literals are removed, and the rest is searched for the usual ways to access variables
+(``this.environment.variables``). Any other access makes the names *open*: the text may use further variables.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cached_property
+from typing import NamedTuple
+
+from fame.scripting.effects import NONE, Direction, Effects, JavaScriptCalls, ScriptTopic
+
+_MAKES: dict[str, Direction] = {"Publisher": "publish", "Subscription": "subscribe", "Client": "call"}
+_MADE = re.compile(
+    r"""\bcreate(?P<kind>Publisher|Subscription|Client)\s*\(
+    \s*(?P<q>["'`])(?P<type>[\w/]+)(?P=q)\s*,\s*(?P<r>["'`])(?P<name>[\w/~]+)(?P=r)""",
+    re.VERBOSE,
+)
+_LITERAL = re.compile(
+    r"""//[^\n]* | /\*.*?\*/ | '(?:\\.|[^'\\\n])*' | "(?:\\.|[^"\\\n])*" | `(?:\\.|[^`\\])*`""", re.VERBOSE | re.DOTALL
+)
+_INSIDE = re.compile(r"\$\{([^{}]*)\}")
+_NAME = r"[^\W\d][\w$]*"
+_BEHIND = r"(?<![\w$])(?:(?:this|\w+)\s*\.\s*)?environment\s*\??\.\s*variables\b"
+_ALIAS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*{_BEHIND}\s*(?=[;,\n}}]|$)")
+_TAKEN = re.compile(rf"\{{([^{{}}]*)\}}\s*=\s*(?:{_BEHIND}|({_NAME}))\s*(?=[;,\n}}]|$)")
+_SET = re.compile(r"\s*(?:=(?![=>])|[-+*/%&|^]=|\*\*=|\|\|=|&&=|\?\?=|<<=|>>=|\+\+|--)")
+_CHANGE = re.compile(r"\s*(?:[-+*/%&|^]=|\*\*=|<<=|>>=|\+\+|--)")
+_NODES = ("ros_node", "node")
+_FUNCTION = re.compile(
+    r"\bfunction\b|=>|\bclass\b|\b(?!(?:if|for|while|switch|catch|with)\b)[\w$]+\s*\([^()]*\)\s*\{|\]\s*\("
+)
+_HARMLESS = re.compile(
+    r"(?<![\w$.])(?:(?:Math|Number|console)\s*\.\s*\w+|Date\s*\.\s*now|next|Number|String|Boolean|parseInt|parseFloat|isNaN"
+    r"|isFinite|if|for|while|switch|return|typeof|else|do|case|in|of)\s*(?=\()"
+)
+_IN_PLACE = re.compile(
+    rf"""[\w$\])]\s*(?:\?\.\s*)?\( | (?:\.\s*{_NAME}|[\]}}])(?:{_SET.pattern}|\s+(?:of|in)\b) | \bdelete\b
+    | (?:\+\+|--)\s*[\w$]+\s*[.\[]""",
+    re.VERBOSE,
+)
+"""A call, or what sets, counts or deletes a member."""
+_UNSEEN = re.compile(
+    r"""\b(Function|with|Proxy|Reflect|Symbol|prototype|defineProperty|defineProperties)\b|\b[gs]et\s+[\w$[\"']"""
+    r"""|\b(valueOf|toString|toJSON)\s*([:=](?!=)|\([^()]*\)\s*\{)"""
+)
+"""How a text may set variables unseen, or change what a comparison means."""
+_STEADY_NAMES = ("Infinity", "NaN", "environment", "this", "undefined")
+_STEADY_WORDS = {"Infinity", "NaN", "undefined", "true", "false", "null", "typeof"}
+_STRING = re.compile(r"""'[^'\\]*'|"[^"\\]*\"""")
+_VARIABLE = re.compile(r"\bthis\.environment\.variables(\??\.(?!ros_node\b|node\b)[\w$]+)+")
+_EFFECT = re.compile(r"[\w$\])]\s*(\?\.)?\(|[`/]|\+\+|--|=>|>>=|<<=|(?<![=!<>])=(?!=)")
+"""A call, an assignment, or what hides one."""
+
+
+class _Found(NamedTuple):
+    """What the search of a text finds.
+
+    functions  whether it makes functions, which may run later
+    changes    whether it may change lists or objects: by calls, or by setting members
+    """
+
+    reads: frozenset[str]
+    sets: frozenset[str]
+    open: bool
+    functions: bool
+    changes: bool
+    calls: JavaScriptCalls
+
+
+class JavaScriptEffects(Effects):
+    """The effects of a text in JavaScript.
+
+    >>> from fame.bpmn.model import Expression
+    >>> text = "const env = this.environment.variables; env.x = env.y + 1; // env.z"
+    >>> found = JavaScriptEffects(Expression(text, "javascript"), True)
+    >>> sorted(found.reads), sorted(found.sets), found.open
+    (['y'], ['x'], False)
+    """
+
+    @cached_property
+    def _found(self) -> _Found:
+        return _search(self.expression.text)
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return self._found.reads
+
+    @property
+    def sets(self) -> frozenset[str]:
+        return self._found.sets
+
+    @property
+    def open(self) -> bool:
+        return self._found.open
+
+    @property
+    def may_change(self) -> frozenset[str]:
+        return self.reads if self._found.changes else NONE
+
+    @property
+    def later(self) -> frozenset[str]:
+        if self._found.functions:
+            return self.sets | self.reads
+        return NONE if self.script else self.sets  # a condition is asked at any time
+
+    @cached_property
+    def unseen(self) -> bool:
+        text = self.expression.text
+        return super().unseen or self.open or _UNSEEN.search(text) is not None
+
+    @property
+    def calls(self) -> JavaScriptCalls:
+        return self._found.calls
+
+    @cached_property
+    def topics(self) -> tuple[ScriptTopic, ...]:
+        return tuple(dict.fromkeys(self._endpoints()))
+
+    def _endpoints(self) -> Iterator[ScriptTopic]:
+        """The endpoints that it creates with literal type and topic."""
+        for made in _MADE.finditer(self.expression.text):
+            line = self.expression.line + self.expression.text.count("\n", 0, made.start())
+            yield ScriptTopic(made["name"], _MAKES[made["kind"]], made["type"], line)
+
+    @property
+    def codes(self) -> None:
+        return None
+
+    @property
+    def waits(self) -> bool:
+        return "await" in self.expression.text
+
+    @cached_property
+    def steady(self) -> bool:
+        if self.condition is not None:
+            return all(map(_is_steady, ast.walk(self.condition)))
+        left = _VARIABLE.sub("0", _STRING.sub("0", self.expression.text))  # a form that Python does not have
+        return not _EFFECT.search(left) and {*re.findall(r"[A-Za-z_$][\w$]*", left)} <= _STEADY_WORDS
+
+
+def _is_steady(node: ast.AST) -> bool:
+    """Whether a part of a condition, read as Python, only reads variables, by ``environment.variables``."""
+    if isinstance(node, ast.Attribute):
+        of_this = isinstance(node.value, ast.Name) and node.value.id == "this"
+        return node.attr == "environment" if of_this else node.attr not in ("node", "ros_node")
+    return not isinstance(node, ast.Call | ast.NamedExpr | ast.Lambda | ast.Await) and (
+        not isinstance(node, ast.Name) or node.id in _STEADY_NAMES
+    )
+
+
+def _search(text: str) -> _Found:
+    code = _LITERAL.sub(_without, text)
+    reads, sets = set[str](), set[str]()
+    aliases = [found[1] for found in _ALIAS.finditer(code)]
+    code = _ALIAS.sub("", code)
+    objects = "|".join([_BEHIND, *(rf"(?<![\w$.]){alias}\b" for alias in aliases)])
+    for found in _TAKEN.finditer(code):
+        if found[2] is None or found[2] in aliases:
+            reads |= {name.partition(":")[0].partition("=")[0].strip() for name in found[1].split(",")}
+    code = _TAKEN.sub(lambda found: "" if found[2] is None or found[2] in aliases else found[0], code)
+    is_open = False
+    for found in re.finditer(rf"(?:{objects})(?:\s*\??\.\s*({_NAME}))?", code):
+        name, after = found[1], code[found.end() :]
+        if name is None:
+            is_open = True
+        elif _SET.match(after) or code[: found.start()].rstrip().endswith(("++", "--", "delete")):
+            sets.add(name)
+            reads |= {name} if _CHANGE.match(after) else set()
+        else:
+            reads.add(name)
+    is_open |= "environment" in re.sub(_BEHIND, "", code)
+    functions = _FUNCTION.search(code) is not None
+    plain = _HARMLESS.sub("", re.sub(rf"(?:{objects})\s*\??\.\s*", "$", code))
+    in_place = _IN_PLACE.search(plain) is not None or re.search(r"[\w$\])]\s*`", text) is not None
+    next_called = re.search(r"\bnext\b", code) is not None
+    calls = JavaScriptCalls(next_called, "node" in reads, "createSubscription" in code, "destroySubscription" in code)
+    reads -= {"", *_NODES}
+    return _Found(frozenset(reads), frozenset(sets), is_open, functions, functions or in_place, calls)
+
+
+def _without(found: re.Match[str]) -> str:
+    """The replacement of a comment or string literal: a blank, or the expressions of a template."""
+    if found[0][0] != "`":
+        return '""' if found[0][0] in "'\"" else " "
+    return " ".join(("", *_INSIDE.findall(found[0]), ""))
