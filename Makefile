@@ -2,7 +2,7 @@
 # make test    run the tests, those marked long excepted; what needs a package is skipped where that is missing
 # make test-long   the tests marked long: missions as a whole, all seeds, all cases
 # make test-processes   the tests of teams in real processes: whole missions, killed, repaired, migrated, in lockstep
-# make test-browser     the tests of the page of `fame view`; needs chromium
+# make test-browser     the tests of the page of `fame view`, and its pictures in out/screenshots; needs chromium
 # make test-node        the page's modules by node's test runner; the tutorial in Camunda Modeler, and what its parts read;
 #                       needs npm and chromium
 # make torture    100,000 simulated teams under faults, each decided by its seed; TORTURE has other options (--seed N)
@@ -81,9 +81,11 @@ test-processes: $(VENV)/dev.installed
 
 test-browser: $(VENV)/dev.installed
 	$(BIN)/python .ci/stage.py $@ --no-skips -- -n 2 --dist worksteal -m "browser and not node" $(call tests_with,chromium) $(PYTEST)
+	$(BIN)/python docs/screenshots.py --to out/screenshots
 
 test-node: $(VENV)/dev.installed out/node/installed
-	$(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(call tests_with,node_modules) tests/test_page_units.py $(PYTEST)
+	mkdir -p out/screenshots
+	FAME_SHOTS=$(CURDIR)/out/screenshots $(BIN)/python .ci/stage.py $@ --no-skips -- -m node $(call tests_with,node_modules) tests/test_page_units.py $(PYTEST)
 
 out/node/installed: Makefile
 	mkdir -p out/node

@@ -5,13 +5,20 @@ Elements are what its registry calls them; titles and labels are those that some
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
-STYLES = ("diagram-js", "bpmn-js", "camunda-platform-modeler", "properties-panel", "element-templates")
+STYLES = (
+    "diagram-js", "bpmn-js", "bpmn-font/css/bpmn-embedded", "camunda-platform-modeler", "properties-panel",
+    "element-templates",
+)  # fmt: skip
 PAGE = """<body style="margin: 0">
-<div id="canvas" style="position: absolute; inset: 0 400px 0 0"></div>
-<div id="panel" style="position: absolute; inset: 0 0 0 auto; width: 400px; overflow: auto"></div>"""
+<div id="canvas" style="position: absolute; inset: 0 360px 0 0"></div>
+<div id="panel" style="position: absolute; inset: 0 0 0 auto; width: 360px; overflow: auto"></div>"""
+ENTRY = ".bio-properties-panel-collapsible-entry"
+LOW = 740
+"""Where nothing is drawn: a click there chooses nothing (pixels from above)."""
 NEW = """<?xml version="1.0" encoding="UTF-8"?>
 <bpmn:definitions xmlns:bpmn="http://www.omg.org/spec/BPMN/20100524/MODEL"
     xmlns:bpmndi="http://www.omg.org/spec/BPMN/20100524/DI" xmlns:dc="http://www.omg.org/spec/DD/20100524/DC"
@@ -70,6 +77,23 @@ class Modeler:
             [element, template],
         )
 
+    def shot(self, name: str, element: str, group: str = "", *, high: int = 400) -> None:
+        """Keep a picture, `high` pixels, with an element chosen and a group of its panel open, in FAME_SHOTS if there
+        is such a folder."""
+        if folder := os.environ.get("FAME_SHOTS"):
+            if group:
+                opened = self._opened(element, group)
+                closed = opened.locator(f"{ENTRY}:not(.open) > {ENTRY}-header")
+                while closed.count():
+                    closed.first.click()
+                opened.scroll_into_view_if_needed()
+            else:
+                self.select(element)
+            self.page.mouse.move(20, LOW)
+            self.page.wait_for_timeout(300)
+            size = self.page.viewport_size
+            self.page.screenshot(path=Path(folder) / f"{name}.png", clip={"x": 0, "y": 0, **size, "height": high})
+
     def save(self) -> str:
         """The file."""
         return str(self.page.evaluate("modeler.saveXML({format: true}).then(saved => saved.xml)"))
@@ -127,7 +151,7 @@ class Modeler:
 
     def select(self, element: str) -> None:
         """Choose an element, as a click on it does."""
-        self.page.mouse.click(20, 900)
+        self.page.mouse.click(20, LOW)
         self.page.mouse.click(*self._place(element))
         self.page.wait_for_function("id => modeler.get('selection').get()[0]?.id === id", arg=element)
 
@@ -164,7 +188,7 @@ class Modeler:
 
     def _new(self, before: set[str]) -> str:
         (made,) = self._ids() - before
-        self.page.mouse.click(20, 900)  # ends the editing of its label
+        self.page.mouse.click(20, LOW)  # ends the editing of its label
         return str(made)
 
     def _place(self, element: str, part: float = 0.5) -> tuple[float, float]:

@@ -41,6 +41,11 @@ def test_a_robot_that_has_not_begun_says_what_it_waits_for() -> None:
     assert told(f'{start}<task id="t"/>{chain("s", "t")}') == ["waits for go"]
 
 
+def test_an_event_without_a_name_is_told_by_its_topic() -> None:
+    start = f'<startEvent id="s">{SIGNAL.format("go")}</startEvent><endEvent id="e"/>'
+    assert told(start + chain("s", "e")) == ["waits for /go"]
+
+
 @pytest.mark.parametrize(
     ("event", "text"),
     [

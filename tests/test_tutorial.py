@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,43 +27,50 @@ def modeler(chromium: Browser, node_modules: Path, tmp_path: Path) -> Iterator[M
     """A new diagram, with the templates that `fame templates` writes."""
     assert main(["templates", "-o", str(tmp_path / "templates")]) == 0
     templates = [one for file in sorted((tmp_path / "templates").iterdir()) for one in json.loads(file.read_text())]
-    with chromium.new_page(viewport={"width": 1600, "height": 1000}) as page:
+    with chromium.new_page(viewport={"width": 1160, "height": 760}) as page:
         yield Modeler(page, node_modules / "camunda-bpmn-js" / "dist", templates)
 
 
 def test_the_mission_that_somebody_draws_who_follows_the_tutorial_runs(modeler: Modeler, tmp_path: Path) -> None:
     start = modeler.begun_with()
-    scout = modeler.create("Create pool/participant", 500, 250)
-    helper = modeler.create("Create pool/participant", 500, 600)
+    scout = modeler.create("Create pool/participant", 450, 170)
+    helper = modeler.create("Create pool/participant", 450, 480)
     modeler.fill(scout, "General", Name="SCOUT")
     modeler.fill(helper, "General", Name="HELPER")
+    modeler.shot("tutorial_1", scout, "General", high=640)
 
     go = modeler.append(start, "Append task")
     light = modeler.append(go, "Append task")
     end = modeler.append(light, "Append end event")
+    modeler.shot("tutorial_2", start)
 
     modeler.change(go, "Call activity")
     assert "Called element" not in modeler.labels(go, "Called element")
     modeler.fill(go, "General", Name="Go To")
     modeler.fill(go, "Called element", Type="BPMN", Called_element="GoTo")
 
-    goal = modeler.create("Create data object reference", 320, 330)
+    modeler.shot("tutorial_3", go, "Called element", high=450)
+
+    goal = modeler.create("Create data object reference", 420, 255)
     modeler.fill(goal, "General", Name="goal")
     modeler.extend(goal, x_goal="4.5", y_goal="1.0")
     modeler.connect(goal, "Connect using data input association", go)
+    modeler.shot("tutorial_4", goal, "Extension properties", high=640)
 
     modeler.change(light, "Script task")
     (script,) = re.findall(r"```python\n(.*?)```", TUTORIAL, re.DOTALL)
     modeler.fill(light, "General", Name="Green light")
     modeler.fill(light, "Script", Format="python", Type="Inline script")
     modeler.fill(light, "Script", Script=script.strip())
+    modeler.shot("tutorial_5", light, "Script", high=590)
 
     modeler.change(end, "Signal end event")
     modeler.fill(end, "Signal", Global_signal_reference="Create new ...")
     modeler.fill(end, "Signal", Name="arrived")
     modeler.extend(end, type="geometry_msgs/msg/Vector3", payload="{x: ${x_goal}, y: ${y_goal}}")
+    modeler.shot("tutorial_6", end, "Extension properties", high=760)
 
-    plan = modeler.create("Create start event", 300, 600)
+    plan = modeler.create("Create start event", 230, 480)
     go = modeler.append(plan, "Append task")
     modeler.append(go, "Append end event")
     modeler.change(plan, "Signal start event")
@@ -70,18 +78,20 @@ def test_the_mission_that_somebody_draws_who_follows_the_tutorial_runs(modeler: 
     modeler.change(go, "Call activity")
     modeler.fill(go, "General", Name="Go To")
     modeler.fill(go, "Called element", Type="BPMN", Called_element="GoTo")
-    place = modeler.create("Create data object reference", 320, 690)
+    place = modeler.create("Create data object reference", 420, 560)
     modeler.extend(place, x_goal="", y_goal="")
     modeler.connect(plan, "Connect to other element", place)
 
     tutorial = " ".join(TUTORIAL.split())
     assert [word for word in sorted(modeler.read) if " ".join(word.split()) not in tutorial] == []
-    modeler.page.screenshot(path=tmp_path / "patrol.png")
+    modeler.shot("tutorial_7", plan, "Signal", high=640)
     (tmp_path / "patrol.bpmn").write_text(modeler.save(), encoding="utf-8")
     (scenario,) = re.findall(r"```yaml\n(.*?)```", TUTORIAL, re.DOTALL)
     (tmp_path / "patrol.yaml").write_text(re.sub(r"^   ", "", scenario, flags=re.MULTILINE))
     assert main(["check", str(tmp_path / "patrol.bpmn")]) == 0
-    assert main(["run", str(tmp_path / "patrol.yaml"), "--json"]) == 0
+    picture = Path(os.environ.get("FAME_SHOTS", tmp_path)) / "tutorial_9.png"
+    assert main(["run", str(tmp_path / "patrol.yaml"), "--json", "--log", str(tmp_path / "run.mcap")]) == 0
+    assert main(["draw", str(tmp_path / "run.mcap"), "-o", str(picture)]) == 0
 
 
 def test_the_modeler_offers_the_templates_that_fame_writes_and_fame_reads_what_is_filled_in(modeler: Modeler) -> None:

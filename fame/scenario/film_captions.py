@@ -126,7 +126,13 @@ def _phrase(node: FlowNode, targets: Sequence[FlowNode]) -> _Phrase | None:
 def _wait(*nodes: FlowNode) -> str:
     """The phrase of a wait. The name of a timer event is expected to say how long, or until when."""
     timed = all(node.defined(TimerDefinition) for node in nodes)
-    return f"waits{':' if timed else ' for'} {' or '.join(node.label for node in nodes)}"
+    return f"waits{':' if timed else ' for'} {' or '.join(_name(node) for node in nodes)}"
+
+
+def _name(node: FlowNode) -> str:
+    """What people see at an element: its name, or the topic that it waits for."""
+    topics = [topic.qualified for topic, _ in node.topics()]
+    return node.name or " or ".join(topics) or node.label
 
 
 def _start(process: Process) -> str:

@@ -100,8 +100,7 @@ function occupy(app, state, row, idle = -1) {
 /** What a robot does at an instant, in the words of the diagram. */
 export function doing(app, state, r) {
   const tokens = [...state.tokens.values()].filter((token) => token.r === r);
-  const row = occupy(app, state, { r, tokens, waits: [...(state.waits.get(r)?.values() ?? [])] });
-  return row.doing || (tokens.length ? "" : startOf(app, r));
+  return occupy(app, state, { r, tokens, waits: [...(state.waits.get(r)?.values() ?? [])] }).doing;
 }
 
 /** What begins the process of a robot: "waits for stand_open"; empty if it begins at once, or there is none. */

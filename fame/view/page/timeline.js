@@ -9,7 +9,7 @@ import { Lanes } from "./lanes.js";
 import { Transport } from "./transport.js";
 import { signalsAreNew, signalsOf } from "./signals.js";
 import { Plots } from "./plots.js";
-import { doing } from "./roster.js";
+import { doing, startOf } from "./roster.js";
 import { Properties } from "./properties.js";
 
 const GUTTER = 148;
@@ -179,7 +179,7 @@ export class Timeline {
     this.shown = time;
     if (state !== null)
       this.captions.forEach((caption, r) => {
-        const text = doing(this.app, state, r);
+        const text = doing(this.app, state, r) || startOf(this.app, r);
         if (caption.textContent !== text) caption.textContent = text;
       });
     this.plots.values(time);
