@@ -1,4 +1,8 @@
-"""The channels of a recording: their topics, and the schemas of their JSON (docs/recording_format.md)."""
+"""The channels of a recording: their topics, and the schemas of their JSON (docs/recording_format.md).
+
+Foxglove and Lichtblick read a channel only if each object of its schema has `properties`, each array `items`, and each
+value one type: members that may be null are left out.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,8 @@ KEY, WORLD, GROUND = "/fame/key", "/fame/world", "/fame/ground"
 PROPERTIES, CLOCKS = "/fame/properties", "/fame/clocks"
 
 _ROBOT = {"type": "string", "description": "name of the robot"}
-_OBJECTS = {"type": "array", "items": {"type": "object"}}
+_OBJECTS = {"type": "array", "items": {"type": "object", "properties": {}}}
+_TEXTS = {"type": "array", "items": {"type": "string"}}
 
 
 def _schema(**properties: Any) -> dict[str, Any]:
@@ -85,15 +90,15 @@ CHANNELS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     VARIABLES: ("fame.Variables", _schema(robot=_ROBOT, changes=_OBJECTS)),
     WAITING: (
         "fame.Waiting",
-        _schema(robot=_ROBOT, tokens=_OBJECTS, gone={"type": "array", "items": {"type": "string"}}),
+        _schema(robot=_ROBOT, tokens=_OBJECTS, gone=_TEXTS),
     ),
-    KEY: ("fame.Key", _schema(robots={"type": "object"})),
+    KEY: ("fame.Key", _schema(robots={"type": "object", "properties": {}})),
     WORLD: ("foxglove.SceneUpdate", _SCENE),
     GROUND: ("foxglove.SceneUpdate", _SCENE),
     PROPERTIES: (
         "fame.Judgement",
-        _schema(property={"type": "string"}, verdict={"type": "string"}, robots={"type": "array"}),
+        _schema(property={"type": "string"}, verdict={"type": "string"}, robots=_TEXTS),
     ),
-    CLOCKS: ("fame.Clock", _schema(robot=_ROBOT, doubt={"type": ["integer", "null"]})),
+    CLOCKS: ("fame.Clock", _schema(robot=_ROBOT)),
 }
 """Topic -> name and content of its schema."""
