@@ -11,8 +11,10 @@ from deployment_field import Field, definitions, process
 from test_resumption import POOL, Durable, request, told
 
 from fame.cli.robots import rows
-from fame.deploy import Envelope, Report
+from fame.deploy import STRING, Envelope, Report
 from fame.deploy.diagnostics import TYPE, WARN
+from fame.deploy.requests import TaskRequest
+from fame.middleware import messages
 
 ANN = "ann@desk (unverified)"
 DRIVE = definitions(
@@ -260,6 +262,23 @@ def test_between_its_promise_and_the_start_nobody_changes_what_a_robot_runs(fiel
     told(field, "d2", 2, "", "start")
     field.pass_time(1)
     assert (field.engine.deployed, n(field), waiting(field)) == ("d2", before, ["drive"])
+
+
+def test_what_was_answered_is_answered_alike_when_it_arrives_again_after_a_promise_or_its_end(field: Durable) -> None:
+    def answers(id: str) -> list[str]:
+        asked = TaskRequest(id=id, element="", act="set", values={"m": 100}).to_json()
+        field.person.publisher("/A/bpmn_task", STRING).publish(messages.create(STRING, asked))
+        field.pass_time(0.2)
+        return [report.answer for report in field.said if report.deployment == id]
+
+    assert answers("before") == ["set"]
+    told(field, "d2", 2, DRIVE, "load", migrate=True)
+    field.pass_time(1)
+    assert answers("before") == ["set", "set"]
+    assert answers("while") == ["refused"]
+    field.send("A", Envelope(deployment="d2", sequence=2, robot="A", phase="abort").to_json())
+    field.pass_time(1)
+    assert answers("while") == ["refused", "refused"]
 
 
 # ---- goals that still run ------------------------------------------------------------------------------------------

@@ -189,7 +189,8 @@ class EngineNode:
             self.node,
             lambda: self.running,
             self.status.publish,
-            self._verify_task,
+            self._verifier.verify_task,
+            refuse=self._refuse_task,
             now=lambda: self.scheduler.now / SECOND,
         )
         self._resume()
@@ -320,9 +321,8 @@ class EngineNode:
         except Exception as error:  # no message ends an engine
             self._refuse(deployment, unexpected(error), "error")
 
-    def _verify_task(self, request: TaskRequest) -> str:
-        """The fingerprint of who signed a request. Raises DeploymentError, also for one that cannot be met now."""
-        signer = self._verifier.verify_task(request)
+    def _refuse_task(self, request: TaskRequest) -> None:
+        """Raise DeploymentError for a request that cannot be met now."""
         if request.act == "take_over" and self._protocol.state.candidate is not None:
             raise DeploymentError("a deployment is under way: nobody takes the robot over", cause="deployment")
         if self._no_memory:
@@ -331,7 +331,6 @@ class EngineNode:
             self._refuse_promised()
         if request.act in ("continue", "fail") and not self._is_active:
             raise DeploymentError(f"it {self._asleep}: activate it", cause="lifecycle")
-        return signer
 
     # ---- its lifecycle ---------------------------------------------------------------------------------------------
 

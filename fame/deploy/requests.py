@@ -108,7 +108,8 @@ class TaskServer:
     and the cause of a refusal by keyword).
 
     `check` raises DeploymentError for a request that is not from somebody who is trusted, and returns the fingerprint
-    of the key that signed it, if it was signed. `now` gives s of a clock that is never set.
+    of the key that signed it, if it was signed. `refuse` raises it for one that cannot be met now: once refused, a
+    request that arrives again is not done. `now` gives s of a clock that is never set.
     """
 
     def __init__(
@@ -118,10 +119,12 @@ class TaskServer:
         report: Callable[..., object],
         check: Callable[[TaskRequest], str] = lambda request: "",
         *,
+        refuse: Callable[[TaskRequest], object] = lambda request: None,
         now: Callable[[], float],
     ) -> None:
         self._running, self._report, self._check, self._now = running, report, check, now
-        self._answers: dict[str, tuple[str, str, float]] = {}  # the oldest first, and until when each stays
+        self._refuse = refuse
+        self._answers: dict[str, tuple[str, str, str, float]] = {}  # the oldest first, and until when each stays
         self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
         self._end.max_size = SIZE
         self._end.on_dropped = lambda warning: report("refused", "", str(warning), cause=warning.kind)
@@ -142,11 +145,19 @@ class TaskServer:
             self._report("refused", id, unexpected(error), cause="error")
             return
         now = self._now()
-        answer, reason, until = self._answers.get(request.id) or (*self._act(request, signer), 0.0)
-        self._answers[request.id] = answer, reason, now + _REPLAYED if signer else until
+        answer, reason, cause, until = self._answers.get(request.id) or (*self._answer(request, signer), 0.0)
+        self._answers[request.id] = answer, reason, cause, now + _REPLAYED if signer else until
         for old in [id for id, (*_, until) in self._answers.items() if until <= now][:-_ANSWERS]:
             del self._answers[old]
-        self._report(answer, request.id, reason)
+        self._report(answer, request.id, reason, cause=cause)
+
+    def _answer(self, request: TaskRequest, signer: str) -> tuple[str, str, str]:
+        """Do what is requested, if that is possible now. Returns answer, reason, and the cause of a refusal."""
+        try:
+            self._refuse(request)
+        except DeploymentError as error:
+            return "refused", str(error), error.cause
+        return *self._act(request, signer), ""
 
     def _act(self, request: TaskRequest, signer: str) -> tuple[str, str]:
         node = self._running()
