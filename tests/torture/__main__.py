@@ -32,7 +32,8 @@ def outcome(plan: Plan, log: Path | None = None) -> tuple[list[str], Counter[str
     team = Team(plan, log=log)
     found = judge(team)
     team.close()
-    return found, team.struck + team.fabric.struck, team.lines
+    compared = Counter({"restarts compared": sum(robot.witness.compared for robot in team.robots.values())})
+    return found, team.struck + team.fabric.struck + compared, team.lines
 
 
 def run_seed(seed: int) -> tuple[int, list[str], Counter[str]]:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from bisect import bisect
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
 from fame.clock import SECOND
+from fame.engine import Instance
 
+from .drawn import edits_of, help_needed, outcome_of, reference
 from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
 from .processes import ids_of
+from .states import differences
 from .team import STRANGER, Said, Team
 
 LAST = 99
@@ -26,6 +30,8 @@ def judge(team: Team) -> list[str]:
 
 def _judge(team: Team) -> list[str]:
     team.run()
+    if team.plan.mission is not None:
+        return _concluded(team, _of_drawn(team))
     found = [
         *half_applied(team),
         *broken_promises(team),
@@ -46,6 +52,28 @@ def _judge(team: Team) -> list[str]:
                 team.pass_time(1)
         if robot.engine is not None and robot.engine.state == "incident":
             found.append(f"{robot.name} is not mended although a person did what it takes")
+    return _concluded(team, found)
+
+
+def _of_drawn(team: Team) -> list[str]:
+    """What does not hold of a drawn mission, whose end people help it to."""
+    finish(team)
+    return [
+        *half_applied(team),
+        *broken_promises(team),
+        *undecided(team),
+        *forgotten(team),
+        *strangers(team),
+        *repairs(team),
+        *told(team),
+        *heard(team),
+        *unlike_reference(team),
+    ]
+
+
+def _concluded(team: Team, found: list[str]) -> list[str]:
+    """What holds no robot for ever: an abort, or the last deployment."""
+    for robot in team.robots.values():
         for _ in range(5 * (team.plan.seed % 2)):  # in every other run: a newer deployment has to end it as well
             if robot.engine is not None and robot.engine.state == "holding":
                 team.note(f"{robot.name} holds: a person aborts")
@@ -69,6 +97,87 @@ def _judge(team: Team) -> list[str]:
     if not found and others:
         found.append(f"{', '.join(others)} does not run what was deployed on a healthy team")
     return list(dict.fromkeys([*found, *team.problems]))
+
+
+def finish(team: Team) -> None:
+    """People do what the robots need, until all missions have ended or wait for something else."""
+    idle = 0
+    for _ in range(120):
+        idle += 1
+        for robot in team.robots.values():
+            node = robot.engine.running if robot.engine is not None else None
+            if node is None or (robot.engine is not None and robot.engine.state in ("holding", "ready")):
+                continue
+            needed = help_needed(node)
+            if node.suspension.by:
+                team.ask(robot, {"act": "continue"})
+                idle = 0
+            elif needed:
+                element, act, values = needed[0]
+                team.ask(robot, {"act": act, "element": element, "values": values})
+                idle = 0
+            elif node.engine.waits:  # a timer or script goes on
+                idle = min(idle, 1)
+        team.pass_time(1)
+        if idle > 4:
+            return
+
+
+def told(team: Team) -> Iterator[str]:
+    """Each robot tells numbers in order: none is left out, and only what left last before a crash is told again."""
+    for robot in team.robots.values():
+        if not robot.durable or robot.spoilt or robot.witness.changed:
+            continue
+        last: dict[int, tuple[int, str, list[int], float]] = {}
+        for time, process, message in team.fabric.published.get(f"/tell_{robot.name}", ()):
+            version, count = divmod(message.data, 1000)
+            before, by, batch, at = last.get(version, (0, process, [], 0.0))
+            again = process != by and count in batch
+            if count != before + 1 and not again:
+                yield f"{robot.name} has told {count} of version {version} after {before}"
+            batch = [*batch, count] if time == at else [count]
+            last[version] = count, process, batch, time
+
+
+def heard(team: Team) -> Iterator[str]:
+    """What a robot has heard of another is in order, without a gap, and none of it twice."""
+    for name, instance in _instances(team):
+        for other, counts in dict(instance.variables.get("kept", {})).items():
+            for version in {count // 1000 for count in counts}:
+                found = [count % 1000 for count in counts if count // 1000 == version]
+                if found != list(range(found[0], found[0] + len(found))):
+                    yield f"{name} has heard {found} of {other}, version {version}"
+
+
+def _instances(team: Team) -> Iterator[tuple[str, Instance]]:
+    for robot in team.robots.values():
+        node = robot.engine.running if robot.engine is not None else None
+        for instance in node.instances if node is not None else ():
+            yield robot.name, instance
+
+
+def unlike_reference(team: Team) -> Iterator[str]:
+    """A calm mission has become what it becomes where nothing fails."""
+    mission = team.plan.mission
+    assert mission is not None
+    team.struck["missions drawn"] += 1
+    team.struck["missions drawn that are calm"] += mission["calm"]
+    running, robots = set(versions(team).values()), team.robots.values()
+    begun = {instance.variables.get("version") for _, instance in _instances(team)}
+    kept = all(robot.durable and not (robot.spoilt or robot.witness.changed) for robot in robots)
+    dated = '"date"' in json.dumps(mission) and not all(robot.witness.clocks_are_right for robot in robots)
+    if not (mission["calm"] and kept and len(running) == len(begun) == 1 and None not in running | begun) or dated:
+        return
+    (version,), (first,) = running, begun
+    if edits_of(mission, first) != edits_of(mission, version):
+        return
+    team.struck["missions compared with a reference"] += 1
+    should = reference(team.text(first))
+    for robot in robots:
+        assert robot.engine is not None
+        if robot.engine.running is not None and robot.engine.state != "holding":
+            for text in differences(should[robot.name], outcome_of(robot.engine.running)):
+                yield f"{robot.name} is not what it is without faults: {text}"
 
 
 def half_applied(team: Team) -> Iterator[str]:

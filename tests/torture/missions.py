@@ -121,7 +121,7 @@ def mission(version: int, more: str = "") -> Definitions:
 
 def version_of(definitions: Definitions) -> int:
     """The version of which a robot has its part."""
-    found = re.search(rb"(?:n = |version, kept, mended = )(\d+)", definitions.source)
+    found = re.search(rb"(?:\bn = |version, kept, mended = |\bversion = )(\d+)", definitions.source)
     assert found is not None
     number = int(found[1])
     return number // 1000 if found[0].startswith(b"n") else number

@@ -52,6 +52,8 @@ def _kept(function: Callable[..., Any], key: Callable[..., tuple[Any, ...]]) -> 
     def once(*arguments: Any, **named: Any) -> Any:
         sought = (function.__name__, *key(*arguments, **named))
         if sought not in _results:
+            if len(_results) > 400:  # each seed may draw a mission of its own
+                _results.clear()
             _results[sought] = function(*arguments, **named)
         return _results[sought]
 

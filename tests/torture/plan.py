@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import json
 import random
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from . import drawn
 from .missions import ROBOTS
 
 LONG = 45.0
@@ -41,15 +42,17 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All that happens in the run of a seed; all faults end at `heal` (s)."""
+    """All that happens in the run of a seed; all faults end at `heal` (s). `mission`: what is drawn, see `drawn`."""
 
     seed: int
     steps: tuple[Step, ...]
     heal: float = LONG
+    mission: drawn.Mission | None = None
 
     def to_json(self) -> str:
         steps = [list(asdict(step).values()) for step in self.steps]
-        return json.dumps({"seed": self.seed, "heal": self.heal, "steps": steps})
+        mission = {"mission": self.mission} if self.mission is not None else {}
+        return json.dumps({"seed": self.seed, "heal": self.heal, "steps": steps, **mission})
 
     def with_steps(self, steps: Sequence[Step]) -> Plan:
         """The same with other steps."""
@@ -58,7 +61,13 @@ class Plan:
     @classmethod
     def from_json(cls, text: str) -> Plan:
         found = json.loads(text)
-        return cls(found["seed"], tuple(Step(*step) for step in found["steps"]), found.get("heal", LONG))
+        steps = tuple(Step(*step) for step in found["steps"])
+        return cls(found["seed"], steps, found.get("heal", LONG), found.get("mission"))
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """The names of the robots."""
+        return ROBOTS if self.mission is None else tuple(self.mission["robots"])
 
 
 SPLITTERS = ("S1", "S2")
@@ -132,7 +141,9 @@ def draw(seed: int) -> Plan:
     if chance.random() < 0.5:
         steps.append(Step(0.0, "delay", "", [chance.choice((0.05, 0.5, 2.0)), heal]))
     sooner = [replace(step, time=_rounded(step.time * max(heal / LONG, 0.4))) for step in steps]
-    return Plan(seed, tuple(sorted((step for step in sooner if step.time < heal), key=lambda step: step.time)), heal)
+    plan = Plan(seed, _sorted(step for step in sooner if step.time < heal), heal)
+    missions = random.Random(f"drawn {seed}")
+    return _with_mission(plan, drawn.draw(seed), missions) if missions.random() < 0.5 else plan
 
 
 def _added(chance: random.Random, moments: list[tuple[float, str]], begun: float, *, durable: bool) -> list[Step]:
@@ -160,7 +171,70 @@ def _varied(plan: Plan, seed: int, chance: random.Random) -> Plan:
         time = _rounded(max(0.0, step.time + chance.choice((0.0, chance.gauss(0, far)))) if step.time else 0.0)
         if time < plan.heal and (step.kind not in (*FAULTS, *DISK_FAULTS) or chance.random() < 0.9):
             steps.append(replace(step, time=time))
-    return Plan(seed, tuple(sorted(steps, key=lambda step: step.time)), plan.heal)
+    return Plan(seed, _sorted(steps), plan.heal, plan.mission)
+
+
+_OF_MISSIONS = {"drives", "breaks", "repair", "acknowledges", "watched", "works", "stubborn", "suspend"}
+_OF_MISSIONS |= {"start", "directory"}
+"""What belongs to the missions that are not drawn, or is drawn again."""
+ACTS = ("complete", "complete", "complete", "retry", "move", "set", "skip", "suspend", "continue", "take_over", "fail",
+        "restart", "note")  # fmt: skip
+
+
+def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> Plan:
+    """The same for a drawn mission: other robots, which crash several times in a row, and people who act."""
+    names = tuple(mission["robots"])
+    cast = {robot: chance.choice(names) for robot in ROBOTS}
+    cast |= dict(zip(ROBOTS, chance.sample(names, len(names)), strict=False))
+    heal = max(plan.heal, 20.0)
+    steps = [Step(_rounded(chance.uniform(0, 2)), "start", robot) for robot in names]
+    keep = chance.random() < 0.95
+    steps += [Step(0.0, "directory", robot) for robot in names if keep or chance.random() < 0.5]
+    alone = chance.random() < 0.5  # what strikes is drawn here alone, while the mission runs
+    for step in plan.steps if not alone else _first(plan.steps, chance):
+        words = [cast.get(word, word) for word in step.target.split()]
+        robot, _, answer = step.on.partition(" ")
+        on = f"{cast[robot]} {answer}" if step.on else ""
+        foreign = step.kind in _OF_MISSIONS or step.kind.endswith(" monitor") or "monitor" in words
+        if not foreign and len(set(words)) == len(words):
+            steps.append(replace(step, target=" ".join(words), on=on))
+    begun = min((step.time for step in plan.steps if step.kind in ("deploy", "diagram")), default=2.0)
+    for _ in range(chance.choice((2, 3, 5) if alone else (0, 1, 2))):
+        steps += _row(chance, chance.choice(names), chance.uniform(begun + 1, heal - 5))
+    acts = chance.sample(ACTS, 5)
+    for _ in range(chance.choice((0, 0, 3, 8))):
+        value = [chance.choice(acts), chance.randrange(100), _rounded(chance.choice((0, 1, 8)) * chance.random())]
+        steps.append(Step(_rounded(chance.uniform(begun, heal)), "act", chance.choice(names), value))
+    return Plan(plan.seed, _sorted(step for step in steps if step.time < heal), heal, mission)
+
+
+def _first(steps: Sequence[Step], chance: random.Random) -> list[Step]:
+    """The first deployment, perhaps the next one and keys, and no fault."""
+    deploys = [step for step in steps if step.kind in ("deploy", "migrate", "diagram")]
+    more = [replace(step, time=step.time + 8 * chance.random()) for step in deploys[1:2] if chance.random() < 0.5]
+    return [*deploys[:1], *more, *(step for step in steps if step.kind in ("keys", "splitter"))]
+
+
+def _row(chance: random.Random, robot: str, time: float) -> list[Step]:
+    """A robot crashes two or three times, each time soon after it is back."""
+    steps = []
+    for _ in range(chance.choice((1, 2, 2, 3))):
+        away = _rounded(chance.choice((0.2, 1.0, 4.0)) * (0.5 + chance.random()))
+        kind = chance.choice(("kill", "kill", "kill", "kill", "power", "fuse", "full", "memory"))
+        value = {"fuse": [chance.randrange(12), away], "full": [chance.randrange(3000), away]}.get(kind, away)
+        steps.append(Step(_rounded(time), kind, robot, value))
+        if chance.random() < 0.05:
+            steps.append(
+                Step(
+                    _rounded(time + away / 2), "clock", robot, _rounded(chance.choice((9, 1e4)) * chance.uniform(-1, 1))
+                )
+            )
+        time += away + chance.choice((0.3, 3.0, 8.0)) * chance.random()
+    return steps
+
+
+def _sorted(steps: Iterable[Step]) -> tuple[Step, ...]:
+    return tuple(sorted(steps, key=lambda step: step.time))
 
 
 def _moment(chance: random.Random, begun: list[float]) -> tuple[float, str]:

@@ -17,6 +17,8 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from fame.bpmn.model import Definitions
+from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Entry, Kind
 from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.assignment import assign_robots
@@ -38,10 +40,12 @@ from fame.robot.journal import StateDirectory
 from fame.scripting.cancelled_goals import BOUND
 
 from .disks import PowerLoss
+from .drawn import durations_of, help_needed, text_of
 from .fabric import Fabric, Wire
-from .missions import DRIVE, ROBOTS, WORK, mission, text
+from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
 from .processes import Machine, Process, Timeline
+from .states import Witness
 
 STRANGER = 66
 """The version that somebody deploys who has no key of the team."""
@@ -52,6 +56,7 @@ REST = 6.0
 signals wait for those who acknowledge them."""
 
 
+_CLOCKS = {"clock", "drift", "battery"}
 _HELPERS = {"drives": "server", "watched": "monitor"}
 """The program beside the robots that a mission needs for what it has."""
 
@@ -87,6 +92,7 @@ class Robot:
     fresh: bool = False  # whether a person has put its old state aside
     began: float = 0.0  # when its process began (s)
     continued: float = 0.0  # when it was last continued after a stop (s)
+    witness: Witness = field(default_factory=lambda: Witness(lambda text: None))
 
 
 @dataclass
@@ -138,8 +144,12 @@ class Team:
     def __post_init__(self) -> None:
         self.fabric = Fabric(self.scheduler, self.plan.seed)
         self.fabric.on_published[WORK] = self._on_work
-        self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*ROBOTS, DESK)}
-        self.robots = {name: Robot(name, self.machines[name]) for name in ROBOTS}
+        self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*self.plan.robots, DESK)}
+        self.robots = {name: Robot(name, self.machines[name]) for name in self.plan.robots}
+        for robot in self.robots.values():
+            robot.witness.wrong = partial(self._is_wrong, robot)
+            robot.witness.clocks_are_right = not _CLOCKS & {step.kind for step in self.plan.steps}
+            robot.witness.durations = durations_of(self.plan.mission) if self.plan.mission is not None else {}
         self.more = ""  # what the missions have: see `missions.text`
         self.programs = {
             name: Program(name, Machine(name, self.scheduler, self.plan.seed), self._begin_splitter)
@@ -158,8 +168,12 @@ class Team:
         self.stubborn = False  # whether the server refuses to cancel goals, which then go on for long
         self.refused: dict[bytes, float] = {}  # goals that it does not cancel and that have not ended, since when (s)
         self.senders: list[Sender] = []
+        self.acted = Counter[str]()  # what people have asked for
         self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
         self._numbers = Counter[str]()
+        if self.plan.mission is not None:
+            self._start(self.programs["server"])
+        self._read: dict[int, Definitions] = {}  # versions of a drawn mission
         self._armed: list[Step] = []  # what waits for an answer
         self._recordings: list[EngineLog] = []
         self._away = 1.0  # how long a machine without power is away (s)
@@ -186,6 +200,8 @@ class Team:
         """Let simulated time pass."""
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
         self._check_refused()
+        for robot in self.robots.values():
+            robot.witness.look(self.scheduler.now / SECOND, robot.process, robot.engine)
         self._rested = self._rested + seconds if len(self.lines) == self._told and not self._is_busy() else 0.0
         self._told = len(self.lines)
 
@@ -226,6 +242,9 @@ class Team:
             return False
         return bool(state.candidate or state.waiting or state.loading or state.promises)
 
+    def _is_wrong(self, robot: Robot, text: str) -> None:
+        self.problems.append(f"{robot.name} {text}")
+
     def note(self, text: str) -> None:
         """A line of the log."""
         self.lines.append(f"{self.scheduler.now / SECOND:10.6f}  {text}")
@@ -258,6 +277,8 @@ class Team:
                 self.stubborn = True
             case "repair":
                 return self.repair(self.robots[step.target], step.value)
+            case "act":
+                return self.act(self.robots[step.target], *step.value)
             case "suspend":
                 return self.suspend(self.robots[step.target], step.value)
             case kind if kind.endswith(PROGRAMS):
@@ -285,10 +306,10 @@ class Team:
                 self.machines[step.target].disk.trouble = errno.EROFS
                 self._later(step.value, partial(setattr, self.machines[step.target].disk, "trouble", 0))
             case "memory":
-                engine = self.robots[step.target].engine
-                if engine is None:
+                robot = self.robots[step.target]
+                if robot.engine is None or robot.process is None:
                     return False
-                engine._on_no_memory()
+                robot.process.soon(robot.engine._on_no_memory)
             case "stop":
                 process = self.robots[step.target].process
                 if process is None or process.stopped:
@@ -484,8 +505,9 @@ class Team:
                 seed=self.plan.seed,
                 trusted=() if self.key is None else [self.key.public_key()],
                 identity=None if self.key is None else self._identity(robot.name, self.key),
-                hold_errors="breaks" in self.more,
+                hold_errors="breaks" in self.more or self.plan.mission is not None,
                 on_report=self._on_report,
+                observer=None if self.plan.mission is None else partial(self._on_event, robot),
                 log=self._recording(robot, process),
             ),
         )
@@ -498,6 +520,10 @@ class Team:
         if found := re.search(r"(\w) has not acknowledged (?:number|(\d+) of)", str(event.detail)):
             self.expired[found[1]] += int(found[2] or 1)
             self.note(f"{event.robot}: {event.detail}")
+
+    def _on_event(self, robot: Robot, event: Event) -> None:
+        if robot.engine is not None:
+            robot.witness.on_event(self.scheduler.now / SECOND, robot.engine, event)
 
     def _on_work(self) -> None:
         """What A does is never done while its mission is held."""
@@ -532,6 +558,7 @@ class Team:
     def _listen(self, robot: Robot, engine: EngineNode, process: Process) -> None:
         """Note every answer that an engine gives."""
         publish, asked = engine.status.publish, set[str]()
+        robot.witness.watch(engine)
 
         def published(answer: str = "", deployment: str = "", reason: str = "", *rest: Any, **more: Any) -> None:
             if answer and not more.get("repeated"):
@@ -554,6 +581,10 @@ class Team:
         disk = robot.machine.disk
         if robot.wire is None or (kind != "kill" and not robot.durable):
             return False
+        if kind == "kill" and robot.engine is not None and robot.durable:
+            robot.witness.killed(robot.engine)
+        elif kind != "kill":
+            robot.witness.forget()
         self._end(robot)
         if kind == "power":
             disk.lose_power()
@@ -613,6 +644,18 @@ class Team:
 
     # ---- what people do ----------------------------------------------------------------------------------------------
 
+    def text(self, version: int) -> str:
+        """The BPMN of a version."""
+        return text(version, self.more) if self.plan.mission is None else text_of(self.plan.mission, version)
+
+    def definitions(self, version: int) -> Definitions:
+        """The same, read."""
+        if self.plan.mission is None:
+            return mission(version, self.more)
+        if version not in self._read:
+            self._read[version] = read_text(self.text(version), file=f"version_{version}.bpmn")
+        return self._read[version]
+
     def _private(self, name: str) -> Ed25519PrivateKey:
         return Ed25519PrivateKey.from_private_bytes(hashlib.sha256(f"{self.plan.seed} {name}".encode()).digest())
 
@@ -636,7 +679,7 @@ class Team:
             return
         sender.graph = wire.graph()
         try:
-            assign_robots(mission(sender.version, self.more), engines(wire), found=True, only=())
+            assign_robots(self.definitions(sender.version), engines(wire), found=True, only=())
         except (ConfigError, DeploymentError) as error:
             if process.now >= until:
                 self._leave(sender, f"no robots: {error}")
@@ -649,7 +692,7 @@ class Team:
         wall_time = sender.process.machine.wall_time
         try:
             sender.deployment = Deployment(
-                mission(sender.version, self.more),
+                self.definitions(sender.version),
                 id=sender.process.name,
                 sequence=round(wall_time() * 1e6),
                 scheduler=sender.process,
@@ -684,7 +727,7 @@ class Team:
         """A person gives the splitters a diagram, and leaves."""
         process, wire = self._process("person", self.machines[DESK])
         publisher = wire.node("person").publisher(DIAGRAM, STRING, PROCESS_QOS)
-        diagram = text(version, self.more)
+        diagram = self.text(version)
         if self.key is not None:
             now = process.machine.wall_time()
             diagram = Diagram.of(diagram, purpose="deploy", now=now, key=self.key).to_json()
@@ -696,20 +739,43 @@ class Team:
         if robot.engine is None or robot.engine.state != "incident":
             return False
         if how == "retry":
-            self._ask(robot, {"act": "set", "values": {"mended": 1}}, {"act": "retry", "element": "pcwork"})
+            self.ask(robot, {"act": "set", "values": {"mended": 1}}, {"act": "retry", "element": "pcwork"})
         else:
-            self._ask(robot, {"act": "move", "element": "pcwork", "to": "pckeep"})
+            self.ask(robot, {"act": "move", "element": "pcwork", "to": "pckeep"})
         return True
 
     def suspend(self, robot: Robot, seconds: float) -> bool:
         """``fame suspend``, and after a while ``fame continue``."""
         if robot.engine is None or robot.engine.running is None:
             return False
-        self._ask(robot, {"act": "suspend"})
-        self._later(seconds, partial(self._ask, robot, {"act": "continue"}))
+        self.ask(robot, {"act": "suspend"})
+        self._later(seconds, partial(self.ask, robot, {"act": "continue"}))
         return True
 
-    def _ask(self, robot: Robot, *requests: dict[str, Any]) -> None:
+    def act(self, robot: Robot, act: str, number: int, seconds: float) -> bool:
+        """A person asks for something; `number` chooses where."""
+        node = robot.engine.running if robot.engine is not None else None
+        if node is None:
+            return False
+        tokens = [element for one in node.engine.instances.values() for element in one.waiting]
+        helped = [(element, values) for element, kind, values in help_needed(node) if kind == act]
+        places = [element for element, _ in helped] if act in ("complete", "retry") else tokens
+        place = places[number % len(places)] if places else "nowhere"
+        others = sorted(id for id in node.engine.program.elements if id)
+        more: dict[str, Any] = {
+            "move": {"to": others[number % len(others)]},
+            "retry": {"values": {"helped": 1}},
+            "set": {"element": "", "values": {"helped": number % 2}},
+            "take_over": {"element": "", "lease": f"lease {number}"},
+            "note": {"to": "seen"},
+        }.get(act, {"element": ""} if act in ("suspend", "continue") else {})
+        self.acted[act] += 1
+        self.ask(robot, {"act": act, "element": place, **more})
+        if act in ("suspend", "take_over"):
+            self._later(3 + seconds, partial(self.ask, robot, {"act": "continue"}))
+        return True
+
+    def ask(self, robot: Robot, *requests: dict[str, Any]) -> None:
         """A person makes requests, each when the one before is answered, for 11 s."""
         process, wire = self._process("person", self.machines[DESK])
         asked = [TaskRequest(**{"id": f"{process.name} {one['act']}", "element": "", **one}) for one in requests]

@@ -1,0 +1,533 @@
+"""Missions that are drawn: data in the plan of a run, from which the BPMN of each version is made.
+
+A step is ``[kind, number, ...]``: the steps of `tests.collaborations`, from which other missions are taken as they are,
+and those of `_Lasting`. The number stays in all versions, so that elements keep their ids.
+
+A mission is *calm* if what comes of it does not depend on when anything happens: what branches do commutes, nothing
+races, what one robot tells waits for the others. However often its robots crash, its variables, visits and tokens
+become those of a run in which none did (`reference`).
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.library import Library
+from fame.bpmn.pools import pools_of, shared_topics
+from fame.bpmn.reader import read_text
+from fame.clock import SECOND, Scheduler, date_text
+from fame.engine.program import USER
+from fame.middleware.actions import ActionServer
+from fame.middleware.local import LocalMiddleware
+from fame.robot import RobotNode, make_mission
+from fame.robot.options import RobotOptions
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from collaborations import CODES, _Process, varied
+
+NAMES = ("A", "B", "C", "D", "E")
+Step = list[Any]
+Mission = dict[str, Any]
+"""``robots`` and ``calls``: steps by name; ``calm``; ``edits``: by version, those of all versions before included."""
+START = 1_700_000_000
+_DECLARED = 'xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
+LOOSE = ("break", "go", "loose")
+"""Kinds in the ids of elements whose visits depend on when they are, or on how often a person repairs them."""
+IGNORED = {"helped", "loose", "unknown", "state", "recovered", "told"}
+"""Variables that a person sets, or that depend on times."""
+
+
+def _properties(**named: str) -> str:
+    kept = "".join(f'<camunda:property name="{name}" value="{value}"/>' for name, value in named.items())
+    return f"<extensionElements><camunda:properties>{kept}</camunda:properties></extensionElements>"
+
+
+_TOLD = {"type": "std_msgs/msg/Int32", "delivery": "acknowledged", "ttl": "100000"}
+DRIVE = "nav2_msgs/action/NavigateToPose"
+_GO = {
+    "action": "/go",
+    "type": DRIVE,
+    "payload": "{pose: {pose: {position: {x: ${version}}}}}",
+}
+
+
+class _Lasting(_Process):
+    """The elements of one process, with steps that last, and ids that stay."""
+
+    def __init__(self, robot: str, drawn: random.Random) -> None:
+        super().__init__(robot, drawn)
+        self._place = [0, 0]
+
+    def id(self, kind: str) -> str:
+        self._place[1] += 1
+        return f"{self.robot}_{kind}_{self._place[0]}_{self._place[1]}"
+
+    def step(self, before: str, step: Step) -> str | None:
+        kind, number, *rest = step
+        outside, self._place = self._place, [number, 0]
+        self.drawn = random.Random(f"{self.robot} {number}")  # another version draws the same
+        try:
+            if special := getattr(self, f"_{kind}", None):
+                return special(before, *rest)  # type: ignore[no-any-return]
+            made = self.simple(kind, *map(str, rest)) if rest else self.simple(kind, "")
+            self.flow(before, made)
+            return None if kind in ("stop", "end", "error") else made
+        finally:
+            self._place = outside
+
+    def unknown(self) -> str:
+        return f"unknown = {self.drawn.randint(1, 3)}"
+
+    def counted(self, kind: str, text: str = "", after: str = "") -> str:
+        """A script that does something, and counts that in the same step."""
+        id = self.id(kind)
+        count = f"done['{id}'] = done.get('{id}', 0) + 1"
+        script = "\n".join(filter(None, (text, count, after)))
+        safe = script.replace("&", "&amp;").replace("<", "&lt;")
+        self.text.append(f'<scriptTask id="{id}" scriptFormat="python"><script>{safe}</script></scriptTask>')
+        return id
+
+    def time(self, literal: str) -> str:
+        return literal
+
+    def after(self, before: str, made: str) -> str:
+        self.flow(before, made)
+        return made
+
+    def _work(self, before: str, seconds: str = "") -> str:
+        return self.after(before, self.counted("work", f"await sleep({seconds or self.drawn.choice((0.5, 1, 2))})"))
+
+    def _note(self, before: str) -> str:
+        return self.after(before, self.counted("note"))
+
+    def _break(self, before: str) -> str:
+        return self.after(before, self.counted("break", "if not helped: raise ValueError('broken')", "helped = 0"))
+
+    def _date(self, before: str, seconds: int) -> str:
+        date = date_text(datetime.fromtimestamp(START + seconds, UTC))
+        timer = f"<timerEventDefinition><timeDate>{date}</timeDate></timerEventDefinition>"
+        return self.after(before, self.node("intermediateCatchEvent", timer, "", "date"))
+
+    def _tell(self, before: str) -> str:
+        topic = f"tell_{self.robot}"
+        numbered = self.script("done['told'] = done.get('told', 0) + 1\ntold = 1000 * version + done['told']", "number")
+        thrown = _properties(**_TOLD, payload="${told}") + self.signal(topic)
+        self.flow(before, numbered)
+        return self.after(numbered, self.node("intermediateThrowEvent", thrown, "", "tell"))
+
+    def _hear(self, before: str, robot: str) -> str:
+        topic = f"tell_{robot}"
+        heard = _properties(queue="50") + self.signal(topic)
+        caught = self.after(before, self.node("intermediateCatchEvent", heard, "", "hear"))
+        return self.after(caught, self.script(f"kept['{robot}'] = kept.get('{robot}', []) + [{topic}]", "keep"))
+
+    def _inbox(self, before: str, what: str) -> str:
+        kept = _properties(queue="5") + self.message(what)
+        return self.after(before, self.node("intermediateCatchEvent", kept, "", "inbox"))
+
+    def _go(self, before: str, retry: str) -> str:
+        made = self.node("serviceTask", _properties(**_GO, retry=retry), "", "go")
+        return self.after(before, made)
+
+    def _until(self, before: str, body: Sequence[Step]) -> str:
+        """A branch that waits for a condition which another one makes true."""
+        fork, join = self.node("parallelGateway", "", "", "fork"), self.id("join")
+        self.flow(before, fork)
+        flag = f"flag_{self._place[0]}"
+        setting = self.script(f"{flag} = True", "flag")
+        end = self.steps(fork, body)
+        self.flow(end or fork, setting)
+        condition = f"<conditionalEventDefinition><condition>{flag}</condition></conditionalEventDefinition>"
+        waiting = self.after(fork, self.node("intermediateCatchEvent", condition, "", "condition"))
+        self.text.append(f'<parallelGateway id="{join}"/>')
+        self.flow(waiting, join)
+        return self.after(setting, join)
+
+    def _times(self, before: str, number: int, body: Sequence[Step]) -> str:
+        """A loop that ends after so many passes."""
+        again, split, leave = self.node("exclusiveGateway", "", "", "again"), self.id("split"), self.id("leave")
+        self.flow(before, again)
+        end = self.steps(again, body)
+        counted = self.after(end or again, self.counted("pass"))
+        self.flow(counted, split)
+        self.flow(split, again, f"done['{counted}'] % {number} != 0")
+        self.text.append(f'<exclusiveGateway id="{split}" default="{self.flow(split, leave)}"/><task id="{leave}"/>')
+        return leave
+
+    def _limit(self, before: str, time: str, body: Sequence[Step]) -> str:
+        """What never comes, until a timer ends it; beside it a cycle whose handler counts nothing that matters."""
+        never = self._sub(before, [*body, ["catch", self._place[0], "never"]])
+        cycle = "<timerEventDefinition><timeCycle>R3/PT1.5S</timeCycle></timerEventDefinition>"
+        beside = self.node("boundaryEvent", cycle, f'attachedToRef="{never}" cancelActivity="false"', "loose_cycle")
+        self.flow(beside, loose := self.script("loose = globals().get('loose', 0) + 1", "loose"))
+        self.flow(loose, self.node("endEvent", "", "", "loose_end"))
+        timer = f"<timerEventDefinition><timeDuration>{time}</timeDuration></timerEventDefinition>"
+        self.flow(never, self.node("endEvent", "", "", "end"))
+        return self.node("boundaryEvent", timer, f'attachedToRef="{never}"', "limit")
+
+    def _caught(self, before: str, body: Sequence[Step], code: str) -> str:
+        """A sub-process that ends with an error, which its boundary event catches."""
+        host = self._sub(before, [*body, ["error", self._place[0], code]])
+        self.flow(host, self.node("endEvent", "", "", "end"))
+        return self.node("boundaryEvent", self.trigger(f"error {code}"), f'attachedToRef="{host}"', "caught")
+
+    def _undo(self, before: str, body: Sequence[Step]) -> str:
+        """A sub-process that does something, and compensates it."""
+        outside, self.text = self.text, []
+        host = self._sub(self.node("startEvent", "", "", "start"), body)
+        event = self.node("boundaryEvent", "<compensateEventDefinition/>", f'attachedToRef="{host}"', "compensation")
+        handler = self.counted("undo", "await sleep(0.5)")
+        self.text[-1] = self.text[-1].replace("<scriptTask ", '<scriptTask isForCompensation="true" ')
+        self.text.append(f'<association id="{self.id("association")}" sourceRef="{event}" targetRef="{handler}"/>')
+        thrown = self.after(host, self.node("intermediateThrowEvent", "<compensateEventDefinition/>", "", "compensate"))
+        self.flow(thrown, self.node("endEvent", "", "", "end"))
+        content, self.text = "".join(self.text), outside
+        return self.after(before, self.node("subProcess", content, "", "undoing"))
+
+    def _own(self, before: str, name: str) -> str:
+        """A call whose process has variables of its own."""
+        id = self.id("own")
+        mapping = (
+            '<extensionElements><camunda:in source="version" target="version"/>'
+            f'<camunda:out source="done" target="done_{id}"/></extensionElements>'
+        )
+        self.text.append(f'<callActivity id="{id}" calledElement="P_{name}">{mapping}</callActivity>')
+        return self.after(before, id)
+
+    def _resume(self, before: str, body: Sequence[Step], trigger: str, handler: Sequence[Step]) -> str:
+        """A sub-process that an event sub-process suspends for a while."""
+        outside, self.text = self.text, []
+        start = self.node("startEvent", self.trigger(trigger), "", "start")
+        self._inside(start, handler)
+        content, self.text = _properties(resume="true") + "".join(self.text), outside
+        return self._sub(
+            before, body, f'<subProcess id="{self.id("handler")}" triggeredByEvent="true">{content}</subProcess>'
+        )
+
+
+def text_of(mission: Mission, version: int) -> str:
+    """The BPMN of a version."""
+    edited = edits_of(mission, version)
+    processes, pools, signals, messages = list[str](), list[str](), set[str](), set[str]()
+    for name, steps in {**mission["calls"], **mission["robots"]}.items():
+        made = _Lasting(name, random.Random(0))
+        first = steps[0][2] if steps and steps[0][0] == "start" else ""
+        begin = made.node("startEvent", made.signal(first) if first else "", "", "start")
+        begins = f"version = {version}\nhelped, done, kept = 0, {{}}, {{}}\nn = 0"
+        if name in mission["calls"]:
+            begins = "try: done, version, helped\nexcept NameError: done, helped = {}, 0"
+        begin = made.after(begin, made.script(begins, "init"))
+        end = made.steps(begin, list(_edited(steps[1:] if first else steps, edited)))
+        if end is not None:
+            made.flow(end, made.node("endEvent", "", "", "end"))
+        signals |= made.signals
+        messages |= made.messages
+        processes.append(f'<process id="P_{name}" isExecutable="true">{"".join(made.text)}</process>')
+        if name in mission["robots"]:
+            pools.append(f'<participant id="Pool_{name}" name="{name}" processRef="P_{name}"/>')
+    named = "".join(f'<signal id="Signal_{name}" name="{name}"/>' for name in sorted(signals))
+    named += "".join(f'<message id="Message_{name}" name="{name}"/>' for name in sorted(messages))
+    named += "".join(f'<error id="Error_{code}" errorCode="{code}"/>' for code in CODES)
+    team = f'<collaboration id="Team">{"".join(pools)}</collaboration>'
+    return f'<definitions {_DECLARED} targetNamespace="t">{named}{team}{"".join(processes)}</definitions>'
+
+
+# ---- versions --------------------------------------------------------------------------------------------------------
+
+
+def edits_of(mission: Mission, version: Any) -> dict[int, Step]:
+    """What has become of steps, by number, up to a version."""
+    known = [int(key) for key in mission["edits"] if int(key) <= version]
+    return {number: [what, *more] for key in sorted(known) for number, what, *more in mission["edits"][str(key)]}
+
+
+def _edited(steps: Sequence[Step], edits: Mapping[int, Step]) -> Iterator[Step]:
+    for step in steps:
+        kind, number, *rest = step
+        step = [kind, number, *(list(_edited(each, edits)) if _is_steps(each) else each for each in rest)]
+        match edits.get(number):
+            case ["removed"]:
+                continue
+            case ["wrapped"]:
+                step = ["sub", 1000 + number, [step]]
+            case ["before", other]:
+                yield [other, 1000 + number]
+            case ["changed", *others]:
+                step = [kind, number, *others]
+        yield step
+
+
+def _is_steps(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(each, list) for each in value)
+
+
+def walk(steps: Sequence[Step]) -> Iterator[Step]:
+    """All steps, at any depth."""
+    for step in steps:
+        yield step
+        for part in step[2:]:
+            if _is_steps(part):
+                yield from walk(part)
+
+
+def durations_of(mission: Mission) -> dict[str, float]:
+    """How long timers wait that are the same in all versions, by id (s)."""
+    edited = {edit[0] for edits in mission["edits"].values() for edit in edits}
+    return {
+        f"{name}_timer_{step[1]}_1": float(step[2][2:-1])
+        for name, steps in {**mission["calls"], **mission["robots"]}.items()
+        for step in walk(steps)
+        if step[0] == "timer" and step[1] not in edited and mission["calm"]
+    }
+
+
+# ---- drawing ---------------------------------------------------------------------------------------------------------
+
+
+def draw(seed: int) -> Mission:
+    """A mission: one in ten is one of those that explorations are compared with; most others are calm."""
+    chance = random.Random(f"mission {seed}")
+    mission = _explored(seed) if chance.random() < 0.1 else _Drawing(chance, calm=chance.random() < 0.85).mission()
+    steps = [step for part in ("robots", "calls") for all in mission[part].values() for step in _editable(all)]
+    for version in ("2", "3", "4"):
+        if steps and chance.random() < 0.6:
+            mission["edits"][version] = [_edit(chance, chance.choice(steps)) for _ in range(chance.randint(1, 3))]
+    return mission
+
+
+def _editable(steps: Sequence[Step], first: int = 0) -> Iterator[Step]:
+    """All steps but those that begin a branch of a race."""
+    yield from steps[first:]
+    for kind, _, *rest in steps:
+        for part in rest:
+            yield from _editable(part, int(kind == "race")) if _is_steps(part) else ()
+
+
+def _edit(chance: random.Random, step: Step) -> Step:
+    kind, number, *_ = step
+    if kind == "timer":
+        return [number, "changed", f"PT{chance.choice((1, 2, 8))}S"]
+    others = [["wrapped"], ["before", "note"], ["before", "work"], ["before", "person"], ["removed"]]
+    what = chance.choice(
+        others if kind not in ("start", "tell", "hear", "error", "stop", "end") else others[:0] or [[]]
+    )
+    return [number, *(what or ["kept"])]
+
+
+def _explored(seed: int) -> Mission:
+    """A collaboration of those that explorations are compared with."""
+    made, more = varied(seed)
+    robots = [name for name in made if name not in more["calls"]]
+    names = dict(zip(robots, NAMES, strict=False))
+    numbers = iter(range(1, 1000))
+
+    def convert(step: Any) -> Step:
+        if isinstance(step, str):
+            kind, _, what = step.partition(" ")
+            return [kind, next(numbers), *([what] if what else [])]
+        kind, *rest = step
+        return [
+            kind,
+            next(numbers),
+            *([convert(one) for one in each] if isinstance(each, list) else each for each in rest),
+        ]
+
+    converted = {names.get(name, name): _quiet([convert(step) for step in steps], 0) for name, steps in made.items()}
+    calls = {name: steps for name, steps in converted.items() if name in more["calls"]}
+    return {
+        "robots": {name: steps for name, steps in converted.items() if name not in calls},
+        "calls": calls,
+        "calm": False,
+        "edits": {},
+    }
+
+
+_SIMPLE = ("work", "work", "timer", "timer", "note", "person", "break", "tell", "go", "date")
+_NESTED = ("and", "and", "each", "turns", "sub", "call", "own", "until", "times", "limit", "caught", "undo", "some")
+_WILD = ("throw", "catch", "queue", "send", "inbox", "race", "resume", "beside", "watch", "guard", "scope", "fail")
+
+
+_LEAVES = (*_SIMPLE, "throw", "catch", "queue", "send", "inbox", "fail")
+
+
+class _Drawing:
+    """Draws the steps of a mission."""
+
+    def __init__(self, chance: random.Random, *, calm: bool) -> None:
+        self.chance, self.calm, self._number = chance, calm, 0
+        few = chance.sample(_NESTED, 5), chance.sample(_SIMPLE, 6), chance.sample(_WILD, 5)
+        self._nested, self._simple, self._wild = few  # swarm testing: what is rare meets itself
+        self._tells = 0
+
+    def mission(self) -> Mission:
+        names = NAMES[: self.chance.choice((2, 2, 3, 3, 3, 4, 5))]
+        calls = {"Help": self.steps(2, 1, alone=True)}
+        robots, told = {}, {}
+        for name in names:
+            self._tells = 0
+            robots[name] = [self.step(0) for _ in range(self.chance.randint(2, 4))]
+            told[name] = _told(robots[name])
+        for name in names:
+            others = [other for other in names if other != name and told[other] and self.chance.random() < 0.6]
+            hears = [[["times", self.next(), told[other], [["hear", self.next(), other]]]] for other in others]
+            if hears:
+                robots[name] = [["and", self.next(), robots[name], *hears]]
+        return {"robots": robots, "calls": calls, "calm": self.calm, "edits": {}}
+
+    def next(self) -> int:
+        self._number += 1
+        return self._number
+
+    def steps(self, depth: int, most: int = 2, *, alone: bool = False) -> list[Step]:
+        return [self.step(depth, alone=alone) for _ in range(self.chance.randint(1, most))]
+
+    def step(self, depth: int, *, alone: bool = False) -> Step:
+        """`alone`: in a process that others call, with their variables or its own."""
+        chance, number = self.chance, self.next()
+        kinds = [*self._simple, *self._nested, *(() if self.calm else self._wild)]
+        kind = chance.choice([kind for kind in kinds if depth < 2 or kind in _LEAVES])
+        if alone and kind in ("tell", "go", "call", "own", "break"):
+            kind = "work"
+        body = lambda: self.steps(depth + 1, alone=alone)  # noqa: E731
+        match kind:
+            case "timer":
+                return [kind, number, f"PT{chance.choice(('0.7', '1.5', '3', '6', '12'))}S"]
+            case "date":
+                return [kind, number, chance.choice((5, 15, 30))]
+            case "work":
+                return [kind, number, chance.choice(("0.5", "2", "5"))]
+            case "go":
+                return [kind, number, "safe"]
+            case "and":
+                return [kind, number, body(), body()]
+            case "some":
+                return [kind, number, self.steps(2, alone=True), self.steps(2, alone=True)]
+            case "each" | "turns" | "times":
+                return [kind, number, chance.choice((2, 2, 3)), body()]
+            case "sub" | "until" | "undo":
+                return [kind, number, body()]
+            case "call" | "own":
+                return [kind, number, "Help"]
+            case "limit":
+                return [kind, number, f"PT{chance.choice((2, 5, 9))}S", [["note", self.next()]]]
+            case "caught":
+                return [kind, number, body(), "c"]
+            case "throw" | "catch" | "queue":
+                return [kind, number, chance.choice("ab")]
+            case "send" | "inbox":
+                return [kind, number, "m"]
+            case "fail":
+                return [kind, number, "c"]
+            case "race":
+                return [kind, number, [["catch", self.next(), "a"], *body()], [["timer", self.next(), "PT4S"]]]
+            case "resume" | "scope" | "guard":
+                trigger = chance.choice(("a", "timer PT2S", "message m", "timer PT0.7S"))
+                return [kind, number, body(), trigger, body()]
+            case "beside" | "watch":
+                trigger = chance.choice(("b", "timer PT2S", "message m"))
+                return [kind, number, body(), trigger, _quiet([["work", self.next(), "0.5"], *body()])]
+        return [kind, number]
+
+
+def _quiet(steps: Sequence[Step], handlers: int = 1) -> list[Step]:
+    """The same, but what handlers beside others do throws nothing, which could start more of them each time."""
+    found = []
+    for kind, number, *rest in steps:
+        if handlers and kind in ("throw", "send", "tell"):
+            found.append(["note", number])
+            continue
+        inner = handlers or (kind in ("beside", "watch"))
+        found.append([kind, number, *(_quiet(part, inner) if _is_steps(part) else part for part in rest)])
+    return found
+
+
+def _told(steps: Sequence[Step], times: int = 1) -> int:
+    """How often a robot tells something."""
+    found = 0
+    for kind, _, *rest in steps:
+        found += times * (kind == "tell")
+        repeated = times * (rest[0] if kind in ("each", "turns", "times") else 1)
+        found += sum(_told(part, repeated) for part in rest if _is_steps(part))
+    return found
+
+
+# ---- the reference ---------------------------------------------------------------------------------------------------
+
+
+Outcome = dict[str, Any]
+"""Of a robot: the status, variables, visits and waiting tokens of each of its instances."""
+
+
+def outcome_of(node: RobotNode) -> Outcome:
+    """What has become of a robot's mission, without what depends on times."""
+    return {
+        f"instance {number}": {
+            "status": one.status,
+            "variables": {name: value for name, value in one.variables.items() if name not in IGNORED},
+            "visits": {id: count for id, count in sorted(one.visits.items()) if not _is_loose(id)},
+            "waiting": sorted(one.waiting),
+        }
+        for number, one in enumerate(node.instances)
+    }
+
+
+def _is_loose(id: str) -> bool:
+    return any(f"_{kind}_" in f"_{id}_" for kind in LOOSE)
+
+
+@lru_cache(maxsize=16)
+def reference(text: str) -> dict[str, Outcome]:
+    """What becomes of each robot where nothing fails: bare engines, and a person who helps at once."""
+    scheduler, definitions = Scheduler(), read_text(text)
+    middleware = LocalMiddleware(scheduler)
+    server = ActionServer(
+        middleware.node("base"), "/go", DRIVE, lambda goal: goal.end("succeeded", {}), lambda goal: True
+    )
+    pools = pools_of(definitions)
+    shared = shared_topics(definitions, pools, Library().declared)
+    nodes = [
+        RobotNode(
+            pool.name,
+            make_mission(definitions, pool.process, shared=shared),
+            scheduler=scheduler,
+            middleware=middleware,
+            options=RobotOptions(hold_errors=True, epoch=datetime.fromtimestamp(START, UTC)),
+        )
+        for pool in pools
+    ]
+    for node in nodes:
+        node.load()
+    for node in nodes:
+        node.start()
+    for _ in range(200):
+        scheduler.run(scheduler.now + SECOND)
+        for node in nodes:
+            help_out(node)
+        if all(one.status != "running" for node in nodes for one in node.instances):
+            break
+    found = {node.name: outcome_of(node) for node in nodes}
+    for node in nodes:
+        node.close()
+    server.close()
+    return found
+
+
+def help_out(node: RobotNode) -> None:
+    """Complete each task of a person that waits, and retry what has failed."""
+    for element, act, values in help_needed(node):
+        node.complete(element) if act == "complete" else node.retry(element, values)
+
+
+def help_needed(node: RobotNode) -> list[tuple[str, str, dict[str, Any]]]:
+    """What a person has to do: element, act and values."""
+    waits = [wait for one in node.engine.instances.values() for wait in one.waits()]
+    persons = [wait.node.id for wait in waits if wait.catch.trigger is USER and not wait.due]
+    failed = [element for element, *_ in node.incidents]
+    return [(id, "complete", {}) for id in persons] + [(id, "retry", {"helped": 1}) for id in failed]
