@@ -159,16 +159,18 @@ class MissingTypeError(MessageError):
 class DeploymentError(FameError):
     """A robot refused its process, or did not answer.
 
-    ``cause`` is what refusals of different text have in common: ``size``, ``syntax``, ``robot``, ``clock``, ``hash``,
-    ``signature``, ``replay``, ``rival``, or empty.
+    ``cause`` is what refusals of different text have in common: ``size``, ``syntax``, ``protocol``, ``robot``,
+    ``clock``, ``hash``, ``signature``, ``replay``, ``rival``, or empty. ``about`` is the id that a message which cannot
+    be read gives itself.
     """
 
     exit_code = 1
     cause: str
+    about: str
 
-    def __init__(self, text: str, *, cause: str = "") -> None:
+    def __init__(self, text: str, *, cause: str = "", about: str = "") -> None:
         super().__init__(text)
-        self.cause = cause
+        self.cause, self.about = cause, about
 
 
 class UnavailableError(FameError):

@@ -7,6 +7,8 @@ from pathlib import Path
 
 RELEASE = "0.3.0"
 """The release that this code leads to, or is: ``package.xml`` repeats it."""
+PROTOCOL = 2
+"""The protocol of its messages; 1 is that of FAME 0.2, whose messages have no number (docs/deployment.md)."""
 
 
 @cache
@@ -20,6 +22,16 @@ def current() -> str:
         return of_checkout(folder) or f"{RELEASE}.dev0"
     built = folder / "fame" / "BUILD"
     return built.read_text(encoding="utf-8").strip() if built.exists() else f"{RELEASE}.dev0"
+
+
+def differs(robot: str, protocol: int, fame: str = "") -> str:
+    """Return what to say of a robot that speaks another protocol; nothing of one that speaks this one."""
+    if protocol == PROTOCOL:
+        return ""
+    what = f"FAME {fame}" if fame else "an older FAME" if protocol < PROTOCOL else "a newer FAME"
+    mend = f"update {robot}" if protocol < PROTOCOL else "update FAME here"
+    other = f"use what {what} has" if protocol < PROTOCOL else f"the FAME of {robot}"
+    return f"{robot} runs {what} (protocol {protocol}); this speaks {PROTOCOL}: {mend}, or {other}"
 
 
 def of_checkout(folder: Path) -> str:

@@ -14,6 +14,7 @@ from fame.bpmn.reader import read_text
 from fame.cli import main
 from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, LateJoiners, Report
 from fame.deploy.authentication import GONE, Diagram, ReportReader
+from fame.deploy.fields import values
 from fame.deploy.leader_election import SplitterStatus
 from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import TaskClient, TaskRequest
@@ -58,7 +59,7 @@ class Guarded(Field):
         """Say it in the name of a robot, signed by somebody else or nobody."""
         if by is not None:
             report = replace(report, key=by.key, voucher=by.voucher)
-            report = replace(report, signature=sign(asdict(report), by.private))
+            report = replace(report, signature=sign(values(report), by.private))
         node = self.middleware.node("stranger")
         node.publisher(f"/{report.robot}/bpmn_status", STRING, LATCHED).publish(
             messages.create(STRING, report.to_json())
@@ -235,7 +236,7 @@ def test_robots_that_trust_keys_decide_together_when_their_sender_is_gone(keys):
 
 def said(robot: str, state: str, by: Identity, **fields) -> str:
     report = replace(Report(robot=robot, state=state, **fields), key=by.key, voucher=by.voucher)
-    return replace(report, signature=sign(asdict(report), by.private)).to_json()
+    return replace(report, signature=sign(values(report), by.private)).to_json()
 
 
 def test_an_older_report_is_not_believed_again():

@@ -23,7 +23,7 @@ from fame.deploy import Report
 from fame.deploy.signing import Identity, new_identity, read_identity, read_private
 from fame.log.clocks import ClockAnswer
 from fame.middleware.local import LocalMiddleware
-from fame.version import current as fame_version
+from fame.version import PROTOCOL, current as fame_version
 
 MESSAGE = "float64 x\n"
 SECOND = 1_000_000_000
@@ -197,7 +197,7 @@ def test_with_wrong_keys_robots_are_not_asked(tmp_path: Path, capsys: pytest.Cap
     ],
 )
 def test_a_clock_is_fine_only_where_that_is_known(trip: float, ahead: float, verdict: str) -> None:
-    answer = ClockAnswer(round(trip * SECOND), round(ahead * SECOND), {"fame": fame_version()})
+    answer = ClockAnswer(round(trip * SECOND), round(ahead * SECOND), {"fame": fame_version(), "protocol": PROTOCOL})
     assert verdicts(doctor.answered("REX", answer)) == [verdict]
 
 

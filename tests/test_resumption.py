@@ -587,7 +587,7 @@ def test_repairs_that_are_not_possible_are_refused(holding: Durable) -> None:
     request(holding, act="move", element="a", to="nowhere")
     assert any("nowhere: is not in the scope of a" in report.reason for report in holding.said)
     request(holding, act="fly", element="a")
-    assert any(report.answer == "refused" and "no task: expected" in report.reason for report in holding.said)
+    assert any(report.answer == "refused" and "no task, expected" in report.reason for report in holding.said)
 
 
 def test_after_a_migration_it_resumes_the_new_model(field: Durable) -> None:

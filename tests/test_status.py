@@ -10,6 +10,9 @@ from fame.cli.output import LiveTable, table
 from fame.cli.robots import rows, silences
 from fame.deploy import Report
 from fame.text import printable
+from fame.version import PROTOCOL
+
+SAME = {"state": {"protocol": PROTOCOL}}
 
 
 @pytest.mark.parametrize(
@@ -40,13 +43,13 @@ def test_a_received_line_cannot_draw_on_the_terminal(capsys):
 def test_a_report_with_every_field_at_its_limit_has_rows():
     waits = [{"element": "t", "for": "x", "since": -(2**52), "topics": {"/a": 3}}]
     said = {"robot": "REX", "state": "running", "instances": 2**52, "now": 1e300, "offers": ["a", "b\n"]}
-    report = Report.from_json(json.dumps({**said, "waits": waits}))
+    report = Report.from_json(json.dumps({**said, "waits": waits, "migration": SAME}))
     assert report is not None
     assert len(table(["head"] * 8, list(rows("REX", report))).splitlines()) == 3
 
 
 def test_a_robot_that_holds_says_for_what_and_how_a_person_ends_that():
-    report = Report(robot="REX", state="holding", candidate="d1")
+    report = Report(robot="REX", migration=SAME, state="holding", candidate="d1")
     ends = "a newer deployment or fame abort REX ends that"
     assert [row[6] for row in rows("REX", report)] == [f"its sender and the others for d1; {ends}"]
 
@@ -63,7 +66,15 @@ def test_a_robot_of_the_team_whose_engine_is_gone_is_reported_by_the_others_with
 
 
 def test_a_failed_instance_is_told_beside_the_tokens_of_those_that_run():
-    report = Report(robot="A", state="running", waits=[{"element": "t"}], started=3, failed=1, error="gripper broken")
+    report = Report(
+        robot="A",
+        migration=SAME,
+        state="running",
+        waits=[{"element": "t"}],
+        started=3,
+        failed=1,
+        error="gripper broken",
+    )
     assert [row[6] for row in rows("A", report)] == ["", "1 of 3 instances failed: gripper broken"]
 
 

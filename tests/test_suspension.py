@@ -313,7 +313,7 @@ def test_while_its_goal_still_runs_a_suspended_robot_says_so(driving: Field) -> 
     assert answer.reason == "its goal still runs until its server has cancelled it: /A/drive"
     driving.pass_time(1)
     said = driving.said[-1]
-    assert (said.state, said.suspended["goals"], said.warnings) == ("suspended", ["/A/drive"], [REFUSED])
+    assert (said.state, said.goals, said.warnings) == ("suspended", ["/A/drive"], [REFUSED])
     told = [row[6] for row in rows("A", said)]
     assert f"suspended by {ANN}; fame continue A ends that; its goal still runs: /A/drive" in told
     assert f"warning: {REFUSED}" in told
@@ -321,7 +321,7 @@ def test_while_its_goal_still_runs_a_suspended_robot_says_so(driving: Field) -> 
     assert (status.level, status.message) == (WARN, f"suspended by {ANN}; its goal still runs: /A/drive")
     driving.server.end(driving.server.cancelled[0], 4)
     driving.pass_time(1)
-    assert (driving.said[-1].suspended.get("goals"), driving.said[-1].warnings) == (None, [])
+    assert (driving.said[-1].goals, driving.said[-1].warnings) == ([], [])
 
 
 @pytest.mark.parametrize("migrate", [True, False])

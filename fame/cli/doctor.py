@@ -310,7 +310,7 @@ class _Team:
         from fame.log.live_team import now_since
 
         node, begun = self._middleware.node("_fame_doctor"), datetime.now(UTC)
-        self._reports, self._rivals = subscribe_reports(node, robots, self._trusted)
+        self._reports, self._rivals, self._strange = subscribe_reports(node, robots, self._trusted)
 
         def on_answer(robot: str, answer: ClockAnswer) -> None:
             if robot not in self._answers or answer.trip < self._answers[robot].trip:
@@ -330,7 +330,8 @@ class _Team:
             yield Finding(robot, "wrong", "two engines have this name", f"end fame engine {robot} on one computer")
         if report is None:
             signed = " that a trusted key vouches for" if self._arguments.trust else ""
-            yield Finding(robot, "wrong", f"has an engine, but no report{signed}", f"look at the engine of {robot}")
+            text = self._strange.get(robot) or f"has an engine, but no report{signed}"
+            yield Finding(robot, "wrong", text, f"look at the engine of {robot}, and at which FAME it runs")
         else:
             yield from self._vouched(report)
         if answer is None:
@@ -369,7 +370,7 @@ def reported(report: Report) -> Finding:
 
 def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:
     """Yield what a robot's answer says: how far it is, how late its clock, which version."""
-    from fame.version import current as fame_version
+    from fame.version import current as fame_version, differs
 
     ahead, doubt = answer.ahead / 1e9, answer.trip / 2e9
     side = "ahead" if ahead > 0 else "behind"
@@ -380,7 +381,10 @@ def answered(robot: str, answer: ClockAnswer) -> Iterator[Finding]:
         yield Finding(robot, "not known", text, "ask again when the network is quiet")
     else:
         yield Finding(robot, "ok", text)
-    version = answer.answer.get("fame")
-    if version != fame_version():
+    version, protocol = answer.answer.get("fame"), answer.answer.get("protocol", 1)
+    if isinstance(protocol, int) and (text := differs(robot, protocol, version if isinstance(version, str) else "")):
+        told, _, mend = text.removeprefix(f"{robot} ").partition(": ")
+        yield Finding(robot, "warning", told, mend)
+    elif version != fame_version():
         told = f"runs FAME {version}" if isinstance(version, str) else "runs an older FAME"
         yield Finding(robot, "warning", f"{told}, here is {fame_version()}", "install the same on every machine")

@@ -62,10 +62,9 @@ def run_status(arguments: Namespace) -> int:
     """Listen for a moment, and print the state of each robot."""
     if arguments.why:
         return _explain_waits(arguments)
-    from dataclasses import asdict
-
     from fame.clock import SECOND
     from fame.deploy import engines
+    from fame.deploy.fields import values
     from fame.deploy.status import HEARTBEAT
     from fame.version import current as version
 
@@ -73,17 +72,19 @@ def run_status(arguments: Namespace) -> int:
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
         robots = engines(middleware)
-        reports, rivals = subscribe_reports(middleware.node("_fame_status"), robots, trusted)
+        reports, rivals, strange = subscribe_reports(middleware.node("_fame_status"), robots, trusted)
         scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
     silent = silences(reports, robots, _LISTENING * HEARTBEAT)
     if not reports and not silent:
         raise DeploymentError("no engine was found")
     if arguments.json:
-        states = {name: asdict(report) for name, report in sorted(reports.items())}
+        states = {name: values(report) for name, report in sorted(reports.items())}
         print_json({"fame": version(), "robots": states, "silent": silent, "rivals": sorted(rivals)})
     else:
         lines = {name: list(rows(name, report)) for name, report in reports.items()}
-        lines |= {name: [(name, "silent", "", "", "", f"{s:.0f} s", "", "")] for name, s in silent.items()}
+        lines |= {
+            name: [(name, "silent", "", "", "", f"{s:.0f} s", strange.get(name, ""), "")] for name, s in silent.items()
+        }
         for name in rivals:
             text = f"warning: two engines have this name; end fame engine {name} on one computer"
             lines.setdefault(name, []).append(("", "", "", "", "", "", text, ""))
@@ -94,24 +95,28 @@ def run_status(arguments: Namespace) -> int:
 
 def subscribe_reports(
     node: Node, robots: Iterable[str], trusted: Sequence[Any]
-) -> tuple[Mapping[str, Report], Set[str]]:
-    """Return the latest report of each robot, and the robots with two engines: both fill as reports come."""
+) -> tuple[Mapping[str, Report], Set[str], Mapping[str, str]]:
+    """Return the latest report of each robot, the robots with two engines, and why what others say cannot be read: all
+    fill as reports come."""
     from fame.deploy import STATUS_QOS, STRING
     from fame.deploy.authentication import ReportReader
 
     reports: dict[str, Report] = {}
     rivals: set[str] = set()
+    strange: dict[str, str] = {}
 
     def on_message(reader: ReportReader, message: Any) -> None:
         if (report := reader.read(message.data)) is not None:
             reports[reader.robot] = report
+        elif reader.strange:
+            strange[reader.robot] = reader.strange
         if reader.rival:
             rivals.add(reader.robot)
 
     for robot in robots:
         reader = ReportReader(robot, signed=bool(trusted), trusted=trusted)
         node.subscription(f"/{robot}/bpmn_status", STRING, partial(on_message, reader), STATUS_QOS)
-    return reports, rivals
+    return reports, rivals, strange
 
 
 _PATIENCE = 6.0
@@ -131,7 +136,7 @@ def _explain_waits(arguments: Namespace) -> int:
     trusted = trusted_keys(arguments)
     with connected(arguments) as (scheduler, middleware):
         node = middleware.node("_fame_status")
-        reports, _ = subscribe_reports(node, [robot], trusted)
+        reports, *_ = subscribe_reports(node, [robot], trusted)
         with LiveTeam(node, middleware, scheduler, lambda *warning: None) as team:
 
             def known() -> set[str]:
@@ -201,7 +206,7 @@ def _lines(robot: str, report: Report) -> Iterator[tuple[str, str, str, str]]:
     if person := report.suspended:
         steers = f", {person['holder']} steers it" if person.get("holder") else f"; fame continue {robot} ends that"
         since = f"{max(0.0, report.now - person.get('since', 0.0)):.0f} s"
-        goals = f"; its goal still runs: {', '.join(person['goals'])}" if person.get("goals") else ""
+        goals = f"; its goal still runs: {', '.join(report.goals)}" if report.goals else ""
         yield "", since, f"suspended by {person.get('by', '')}{steers}{goals}", ""
     for incident in report.incidents:
         text = f"incident: {incident.get('text', '')}; fame retry {robot} {incident.get('element', '')}"
@@ -210,6 +215,8 @@ def _lines(robot: str, report: Report) -> Iterator[tuple[str, str, str, str]]:
         yield "", "", f"fame activate {robot}: {', '.join(report.offers)}", ""
     if error := report.failures or report.error:
         yield "", "", error, ""
+    if report.differs:
+        yield "", "", report.differs, ""
 
 
 def add_requests(commands: Commands) -> None:
@@ -409,7 +416,8 @@ class RobotClient:
         wait_until(self.scheduler, lambda: self._answers, self._patience)
         self._patience = given.wait
         if not self._answers:
-            raise DeploymentError(f"{given.robot} did not answer within {given.wait:g} s")
+            why = f": {self._client.trouble}" if self._client.trouble else ""
+            raise DeploymentError(f"{given.robot} did not answer within {given.wait:g} s{why}")
         return self._answers[0]
 
     def close(self) -> None:

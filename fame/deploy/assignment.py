@@ -147,7 +147,8 @@ class SourceMap:
         if not error:
             return {}
         file, line = self.place(error.get("file", ""), error.get("line", 0))
-        return {"text": "", **error, "file": file, "line": line}
+        known = {name: error[name] for name in ("text", "element", "name", "code") if name in error}
+        return {"text": "", **known, "file": file, "line": line}
 
     @cached_property
     def _places(self) -> dict[int, _Place]:

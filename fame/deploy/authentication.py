@@ -17,10 +17,11 @@ from typing import Annotated, Any
 
 from fame.dataclasses import dataclass, replace
 from fame.deploy import fields
-from fame.deploy.envelope import SIZE, Report, model_hash
+from fame.deploy.envelope import SIZE, Report, model_hash, read_report
 from fame.deploy.signing import FRESH, is_signed, is_vouched, sign, verify_signature
 from fame.errors import DeploymentError
 from fame.text import read_json
+from fame.version import PROTOCOL
 
 GONE = 3.0
 """After how long without a report of the engine that is believed another one takes its place (s)."""
@@ -36,6 +37,7 @@ class ReportReader:
     patience  how long the engine that is believed may be silent before another one takes its place (s)
     rival     whether another engine, no better proved, claims to be this robot; without keys: whether an older one
               was heard after a younger one, so that it has not been replaced
+    strange   why the last text is no report, or nothing
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class ReportReader:
         self.vouched: str = vouched
         self.patience: float = patience
         self.rival: bool = False
+        self.strange: str = ""
         self._key, self._proved = "", False
         self._last = (-1, -math.inf)  # `born` and `time` of the newest report: older ones may have been recorded
         self._received = 0.0
@@ -65,8 +68,12 @@ class ReportReader:
 
     def read(self, text: str, now: float = 0.0) -> Report | None:
         """Return the report that was received `now` (s), or None if its authentication fails."""
-        report = Report.from_json(text)
-        if report is None or not self._is_vouched(report):
+        try:
+            report, self.strange = read_report(text), ""
+        except DeploymentError as error:
+            self.strange = str(error)
+            return None
+        if not self._is_vouched(report):
             return None
         if not self.signed:
             self.rival = self.rival or 0 < report.born < self._youngest
@@ -74,7 +81,7 @@ class ReportReader:
             return report
         if (
             report.robot != self.robot
-            or not is_signed(fields.values(report), report.key)
+            or not is_signed(report.received, report.key)
             or not self._is_believed(report, now)
         ):
             return None
@@ -114,11 +121,7 @@ def proves_presence(report: Report, robot: str, trusted: Sequence[Any], now: flo
     if not trusted:
         return True
     sent = report.born / 1e9 + report.time
-    return (
-        abs(now - sent) <= RECENT
-        and proves_name(report, robot, trusted)
-        and is_signed(fields.values(report), report.key)
-    )
+    return abs(now - sent) <= RECENT and proves_name(report, robot, trusted) and is_signed(report.received, report.key)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +145,7 @@ class Diagram:
 
     def to_json(self) -> str:
         """Return the JSON text that is sent."""
-        return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
+        return json.dumps({"fame": PROTOCOL, **fields.values(self)}, sort_keys=True)
 
 
 class DiagramReader:

@@ -55,7 +55,7 @@ def _messages(report: Report, doubts: list[str]) -> Iterator[str]:
     elif report.error:
         yield f"{report.state}: {report.error}"
     if report.suspended:
-        goals = ", ".join(report.suspended.get("goals", ()))
+        goals = ", ".join(report.goals)
         yield f"suspended by {report.suspended.get('by', '')}{f'; its goal still runs: {goals}' if goals else ''}"
     yield from doubts
     yield report.state

@@ -315,7 +315,7 @@ class EngineNode:
                 raise DeploymentError(f"it {self._asleep}, and a bare model would start at once", cause="lifecycle")
             self._protocol.handle(Received(envelope))
         except DeploymentError as error:
-            self._refuse(deployment, str(error), error.cause)
+            self._refuse(deployment or error.about, str(error), error.cause)
         except FameError:
             raise
         except Exception as error:  # no message ends an engine

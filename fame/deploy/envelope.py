@@ -13,6 +13,7 @@ from fame.errors import DeploymentError, FameError, ModelError
 from fame.fast_json import json_bytes, json_value
 from fame.middleware.interface import Middleware, QoS
 from fame.text import read_json
+from fame.version import PROTOCOL, current, differs
 
 STRING = "std_msgs/msg/String"
 PROCESS_QOS = QoS(depth=20)
@@ -67,9 +68,7 @@ _ERROR: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
-_SUSPENDED: dict[str, fields.FieldCheck] = {
-    **dict.fromkeys(("by", "holder"), _TEXT), "since": fields.number, "goals": fields.sequence(_TEXT),
-}  # fmt: skip
+_SUSPENDED: dict[str, fields.FieldCheck] = {**dict.fromkeys(("by", "holder"), _TEXT), "since": fields.number}
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
 _TOKEN: dict[str, fields.FieldCheck] = {
     **dict.fromkeys(("element", "fate", "target", "reason", "name"), _TEXT),
@@ -151,7 +150,7 @@ class Envelope:
 
     def to_json(self) -> str:
         """Return the JSON text that is sent."""
-        return json.dumps({"fame": 1, **fields.values(self)}, sort_keys=True)
+        return json.dumps({"fame": PROTOCOL, **fields.values(self)}, sort_keys=True)
 
 
 @dataclass(slots=True, kw_only=True)  # made for each robot each second: to make a frozen one takes three times as long
@@ -171,7 +170,8 @@ class Report:
                ``unknown`` (to one that asks), to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deploy.requests`): what was done (``completed`` ...) or ``refused``
     problem    of a model that was refused: a `Problem`, which `reason` has in one sentence
-    migration  with ``ready`` and ``previewed``: what becomes of its state (`fame.deploy.migration.Foreseen`)
+    migration  with ``ready`` and ``previewed``: what becomes of its state (`fame.deploy.migration.Foreseen`); without
+               an answer, what protocol 1 has no field for: see `said`
     elements   how many elements have been completed
     ahead      what timers of start events will still start: nothing, ``endless`` (cycles without end), ``due``
     waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of
@@ -179,8 +179,7 @@ class Report:
     more_waits number of waiting tokens beyond those
     untaken    how many messages no event has taken, by topic
     offers     the elements of open ad-hoc sub-processes that can be activated
-    suspended  by which person its mission is suspended: `by`, `since` (s), `holder` (who steers it, or empty), and
-               `goals`: the actions of which a cancelled goal may still run
+    suspended  by which person its mission is suspended: `by`, `since` (s), `holder` (who steers it, or empty)
     incidents  elements that have failed and wait for somebody: `element`, `code`, `text`
     error      why it is suspended, or why the last of the instances that have failed did, whatever runs since
     errors     of the last instances that have failed: `code`, `element`, `name`, `file`, `line`, `text`
@@ -190,6 +189,7 @@ class Report:
     born       when the engine began (ns since 1970): of two with one name the older stays
     time       for how long it has been running (s)
     key        where keys are used, its public key; `voucher`: signature of a trusted key for its name
+    received   as it came, which is what its signature is about; not sent
     """
 
     robot: fields.RobotField
@@ -227,11 +227,36 @@ class Report:
     key: fields.Name = ""
     voucher: fields.Name = ""
     signature: fields.Name = ""
+    received: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def engine(self) -> str:
         """Identifies this run of this engine."""
         return f"{self.born} {self.key}"
+
+    @property
+    def said(self) -> Mapping[str, Any]:
+        """What protocol 1 has no field for: `protocol`, `fame` (the version), `goals` (actions of which a cancelled
+        goal may still run).
+
+        Protocol 1 drops a report with a field that it does not know, but for what is inside of `migration.state`.
+        """
+        return {} if self.deployment else self.migration.get("state", {})
+
+    @property
+    def protocol(self) -> int:
+        return _protocol(self.said.get("protocol"))
+
+    @property
+    def differs(self) -> str:
+        """What to say of a robot that speaks another protocol; nothing of an answer, which does not say which."""
+        return "" if self.deployment else differs(self.robot, self.protocol, str(self.said.get("fame", ""))[:100])
+
+    @property
+    def goals(self) -> list[str]:
+        """The actions of which a cancelled goal may still run."""
+        goals = self.said.get("goals", ())
+        return list(map(str, goals)) if isinstance(goals, list) else []
 
     @property
     def failures(self) -> str:
@@ -253,9 +278,41 @@ class Report:
     def from_json(cls, text: str) -> Report | None:
         """Return the report in a text, or None if it has none."""
         try:
-            return fields.read(cls, read_json(text, _LONGEST, json_value))
-        except (ValueError, TypeError):
+            return read_report(text)
+        except DeploymentError:
             return None
+
+
+def read_report(text: str) -> Report:
+    """Return the report in a text, without the fields that are unknown here. Raises DeploymentError."""
+    found: Any = None
+    try:
+        found = read_json(text, _LONGEST, json_value)
+        report = fields.read(Report, found, ignore=True)
+    except (ValueError, TypeError) as error:
+        raise DeploymentError(f"its status cannot be read ({error})", cause="syntax") from None
+    report.received = found
+    return report
+
+
+def _protocol(number: Any) -> int:
+    """The protocol of a message; 1 of one that has no number."""
+    return number if type(number) is int and number > 0 else 1
+
+
+def unreadable(what: str, text: str, found: Any, id: str, error: Exception) -> DeploymentError:
+    """Return why a message, of which `found` was read, is refused. Its sender is told, by the name of the field and
+    the protocols of both."""
+    about, protocol = "", 1
+    if isinstance(found, dict):
+        protocol = _protocol(found.get("fame"))
+        about = found[id] if fields.text(1000)(found.get(id)) else ""
+    if protocol <= PROTOCOL:
+        why = f" ({error})" if isinstance(error, TypeError | ValueError) else ""
+        return DeploymentError(f"{what}{why}: {text[:60]!r}", cause="syntax", about=about)
+    here = f"this robot runs FAME {current()} (protocol {PROTOCOL})"
+    mend = "update it, or do without what the field is for"
+    return DeploymentError(f"{error} of protocol {protocol} is unknown: {here}; {mend}", cause="protocol", about=about)
 
 
 def model_hash(model: bytes) -> str:
@@ -271,13 +328,14 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
     if text.lstrip().startswith("<"):
         key = _text_hash(text)
         return Envelope(deployment=f"{PLAIN}{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
+    found: Any = None
     try:
         found = read_json(text, SIZE)
-        found.pop("fame")
-        envelope = fields.read(Envelope, found)
+        rest = {**found}
+        del rest["fame"]
+        envelope = fields.read(Envelope, rest)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        why = f" ({error})" if isinstance(error, TypeError | ValueError) else ""
-        raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}", cause="syntax") from None
+        raise unreadable("neither a .bpmn text nor an envelope", text, found, "deployment", error) from None
     if envelope.robot.casefold() != robot.casefold():
         raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}", cause="robot")
     if is_ahead(envelope.sequence, now):
@@ -294,15 +352,17 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
 
 def stored_envelope(text: str) -> Envelope:
     """Return an envelope that an engine has kept as JSON. Raises DeploymentError."""
+    found: Any = None
     try:
         found = read_json(text, 2 * SIZE)  # escaped
-        found.pop("fame")
-        if found["phase"] != "run":
-            return fields.read(Envelope, found)
-        bare = {**found, "phase": "load", "sequence": 0}  # a bare model is no envelope that is sent
+        rest = {**found}
+        del rest["fame"]
+        if rest["phase"] != "run":
+            return fields.read(Envelope, rest)
+        bare = {**rest, "phase": "load", "sequence": 0}  # a bare model is no envelope that is sent
         return replace(fields.read(Envelope, bare), phase="run", sequence=-1)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise DeploymentError(f"is not a deployment that an engine has kept: {error}", cause="syntax") from None
+        raise unreadable("is not a deployment that an engine has kept", text, found, "deployment", error) from None
 
 
 def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:

@@ -6,27 +6,44 @@ every field of it passes.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from operator import attrgetter
 from typing import Annotated, Any, TypeVar, get_type_hints
 
+from fame.dataclasses import field, fields
 from fame.text import is_ros_name
 
 
 def values(message: Any) -> dict[str, Any]:
-    """Return the fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied."""
-    names, all_of = _getter(message.__class__)
-    return dict(zip(names, all_of(message), strict=True))
+    """Return the fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied.
+
+    A `later` field is left out where it says nothing: who does not know it can read the others.
+    """
+    names, all_of, added = _getter(message.__class__)
+    found = dict(zip(names, all_of(message), strict=True))
+    for name, default in added:
+        if found[name] == default:
+            del found[name]
+    return found
+
+
+def later(default: Any) -> Any:
+    """Return a field that protocol 1 does not have; its `default` means what messages without it mean."""
+    return field(default=default, metadata={"later": default})
 
 
 @cache
-def _getter(cls: Any) -> tuple[Sequence[str], Callable[[Any], tuple[Any, ...]]]:
-    """The names of the fields of a class, of which there are two at least, and what gives their values."""
-    names = [field.name for field in dataclasses.fields(cls)]
-    return names, attrgetter(*names)
+def _getter(cls: Any) -> tuple[Sequence[str], Callable[[Any], tuple[Any, ...]], Sequence[tuple[str, Any]]]:
+    """The names of the fields of a class, of which there are two at least, what gives their values, and later ones.
+
+    A field that is not compared is no part of the message.
+    """
+    found = [each for each in fields(cls) if each.compare]
+    names = [each.name for each in found]
+    added = [(each.name, each.metadata["later"]) for each in found if "later" in each.metadata]
+    return names, attrgetter(*names), added
 
 
 FieldCheck = Callable[[Any], bool]
@@ -88,8 +105,10 @@ def mapping(key: FieldCheck, each: FieldCheck) -> FieldCheck:
 
 
 def record(checks: Mapping[str, FieldCheck]) -> FieldCheck:
-    """Return an object with these fields, or some of them."""
-    return lambda value: isinstance(value, dict) and first_invalid(value, checks) is None
+    """Return an object with these fields, or some of them; others are ignored."""
+    return lambda value: (
+        isinstance(value, dict) and all(check(value[name]) for name, check in checks.items() if name in value)
+    )
 
 
 @cache
@@ -99,14 +118,19 @@ def checks(cls: Any) -> Mapping[str, FieldCheck]:
     return {name: hints[name].__metadata__[0] for name in _getter(cls)[0]}
 
 
-def read(cls: Callable[..., _Message], found: Any) -> _Message:
-    """Return a message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
+def read(cls: Callable[..., _Message], found: Any, *, ignore: bool = False) -> _Message:
+    """Return a message made of JSON. Raises TypeError for a field that has a wrong value, or is unknown.
+
+    ignore  leave out unknown fields: of messages that only tell, and make nobody act (docs/deployment.md)
+    """
     if not isinstance(found, dict):
         raise TypeError("not an object")
-    field = first_invalid(found, checks(cls))
-    if field is not None:
-        raise TypeError(f"field {field[:40]!r}")
-    return cls(**found)
+    known = checks(cls)
+    taken = {name: value for name, value in found.items() if name in known} if ignore else found
+    invalid = first_invalid(taken, known)
+    if invalid is not None:
+        raise TypeError(f"field {invalid[:40]!r}")
+    return cls(**taken)
 
 
 def first_invalid(found: Mapping[str, Any], checks: Mapping[str, FieldCheck]) -> str | None:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.dataclasses import asdict, dataclass, field
+from fame.dataclasses import asdict, dataclass, field, fields
 from fame.text import DEPTH, is_deep
 
 if TYPE_CHECKING:
@@ -116,10 +116,13 @@ class Foreseen:
         """Return what a report has; what it does not have is empty."""
         from fame.engine.migration import MigratedToken
 
-        tokens, gone = (
-            [MigratedToken(**{**token, "others": tuple(token.get("others", ()))}) for token in data.get(name, ())]
-            for name in ("tokens", "gone")
-        )
+        names = [each.name for each in fields(MigratedToken)]
+
+        def token(found: Mapping[str, Any]) -> MigratedToken:
+            known = {name: found[name] for name in names if name in found}
+            return MigratedToken(**{**known, "others": tuple(known.get("others", ()))})
+
+        tokens, gone = ([token(each) for each in data.get(name, ())] for name in ("tokens", "gone"))
         return cls(str(data.get("hash", "")), tokens, gone, data.get("state", {}))
 
 

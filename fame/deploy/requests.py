@@ -20,13 +20,14 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.dataclasses import dataclass, field, replace
 from fame.deploy import fields
 from fame.deploy.authentication import ReportReader
-from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed
+from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed, unreadable
 from fame.deploy.machine import unexpected
 from fame.deploy.signing import FRESH, sign
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from fame.text import printable, read_json
+from fame.version import PROTOCOL
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -60,7 +61,8 @@ class TaskRequest:
     mission; ``take_over``, by which a person holds the `lease` (again: for longer); ``restart`` of an element; ``fail``
     of one, after which a suspended mission continues; ``note`` of a text, `to`, in the log.
     `who` says whose request it is: what keys prove counts more.
-    `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`.
+    `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`. `fame` is the protocol,
+    which a robot of protocol 1 is not told.
     """
 
     id: fields.Name
@@ -74,6 +76,7 @@ class TaskRequest:
     born: fields.Birth = 0
     issued: fields.Number = 0.0
     signature: fields.Name = ""
+    fame: fields.Count = fields.later(1)
 
     def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
         """Return the request signed by a private key `now` (s since 1970) for the engine of a
@@ -92,14 +95,15 @@ def read_request(text: str) -> TaskRequest:
 
     if len(text) > SIZE:
         raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are accepted", cause="size")
+    found: Any = None
     try:
-        request, why = fields.read(TaskRequest, read_json(text, SIZE)), ""
+        found = read_json(text, SIZE)
+        request = fields.read(TaskRequest, found)
+        if not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
+            raise TypeError("field 'values'")
     except (ValueError, TypeError) as error:
-        request, why = None, f" ({error})" if isinstance(error, ValueError) else ""
-    if request is None or not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
-        raise DeploymentError(
-            f'no task{why}: expected {{"id": ..., "element": ..., "values": {{}}}}, got {text[:60]!r}', cause="syntax"
-        )
+        expected = 'no task, expected {"id": ..., "element": ..., "values": {}}'
+        raise unreadable(expected, text, found, "id", error) from None
     return request
 
 
@@ -139,7 +143,7 @@ class TaskServer:
             id = request.id
             signer = self._check(request)
         except DeploymentError as error:
-            self._report("refused", id, str(error), cause=error.cause)
+            self._report("refused", id or error.about, str(error), cause=error.cause)
             return
         except Exception as error:  # no message ends an engine
             self._report("refused", id, unexpected(error), cause="error")
@@ -230,6 +234,8 @@ class TaskClient:
         self._request, self._scheduler, self._answered = request, scheduler, answered
         self._robot, self._key, self._wall_time = robot, key, wall_time
         self._born: int | None = None  # of the robot's engine, once it has reported
+        self._protocol = 1
+        self.trouble: str = ""  # why there may be no answer
         self._reader = ReportReader.of_sender(robot, key)
         self._out = node.publisher(f"/{robot}/bpmn_task", STRING, PROCESS_QOS)
         self._end = node.subscription(f"/{robot}/bpmn_status", STRING, self._on_status, STATUS_QOS)
@@ -247,18 +253,25 @@ class TaskClient:
         self._ask()
 
     def _ask(self) -> None:
+        request = self._request if self._protocol == 1 else replace(self._request, fame=PROTOCOL)
         if self._key is None:
-            self._out.publish(messages.create(STRING, self._request.to_json()))
+            self._out.publish(messages.create(STRING, request.to_json()))
         elif self._born is not None:
-            request = self._request.signed(self._robot, self._key, born=self._born, now=self._wall_time())
+            request = request.signed(self._robot, self._key, born=self._born, now=self._wall_time())
             self._out.publish(messages.create(STRING, request.to_json()))
         self._next = self._scheduler.after(round(REPEAT * SECOND), self._ask, Kind.TIMER)
 
     def _on_status(self, message: Any) -> None:
         report = self._reader.read(message.data)
-        if report is not None:
-            self._born = report.born
-        if report is not None and report.answer and report.deployment == self._request.id:
+        if report is None:
+            self.trouble = self._reader.strange or self.trouble
+            return
+        self._born = report.born
+        if not report.deployment:
+            self._protocol = report.protocol
+            refused = f"it refused a message: {report.reason}" if report.answer == "refused" else ""
+            self.trouble = refused or self.trouble or report.differs
+        elif report.answer and report.deployment == self._request.id:
             self._next.cancel()
             self._answered(report)
 

@@ -8,7 +8,6 @@ promised several: what it held for when a newer one came, and that one.)
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -248,7 +247,7 @@ class StateKeeper:
 
 
 def _text(envelope: Envelope) -> bytes:
-    return json.dumps({"fame": 1, **fields.values(envelope)}, sort_keys=True).encode()
+    return envelope.to_json().encode()
 
 
 def _verified(data: bytes, path: Path, trusted: Sequence[Any]) -> Envelope:

@@ -117,6 +117,7 @@ class Deployment:
         self._limit: Entry | None = None
         self._timer: Entry | None = None
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
+        self._differs: dict[str, str] = {}  # what to say of the protocol of each
         self._readers = {robot: ReportReader.of_sender(robot, options.key) for robot in sent}
         self.node: Node = middleware.node("_fame_deploy")
         self._out = {robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in sent}
@@ -150,8 +151,13 @@ class Deployment:
 
     @property
     def robots(self) -> dict[str, RobotProgress]:
-        """How far each robot is."""
-        return {each.robot: each for each in self._protocol.state.robots}
+        """How far each robot is; of one without success, also which protocol it speaks, if that differs."""
+        found = {each.robot: each for each in self._protocol.state.robots}
+        for robot, text in self._differs.items():
+            each = found[robot]
+            if text and not each.called_off and each.state in ("silent", "refused"):
+                found[robot] = replace(each, reason="; ".join(filter(None, (each.reason, text))))
+        return found
 
     @property
     def started(self) -> list[str]:
@@ -199,8 +205,15 @@ class Deployment:
         if self._readers[robot].rival:
             self._protocol.handle(RivalFound(robot))
         if report is None:
+            if self._readers[robot].strange:
+                self._protocol.handle(RobotAnswered(robot, "", self._readers[robot].strange, self.scheduler.now))
             return
         self._known[robot] = report
+        if not report.deployment:
+            self._differs[robot] = report.differs
+            if report.answer == "refused" and self.robots[robot].state == "silent":  # to nobody: it may not read ours
+                text = f"did not answer; it refused a message: {report.reason}"
+                self._protocol.handle(RobotAnswered(robot, "", text, self.scheduler.now))
         ahead = is_ahead(report.sequence, self._options.wall_time())
         self._protocol.handle(StatusReceived(robot, -1 if ahead else report.sequence))
         if report.deployment == self.id and not self.done:

@@ -287,7 +287,7 @@ def _answered(state: SenderState, event: RobotAnswered) -> tuple[SenderState, tu
         state = _progress(state, event, took)
         states = {each.state for each in state.robots}
         return _end(state, failed=states != {"started"}) if "ready" not in states else (state, ())
-    if state.phase == "load" and not event.answer and event.reason:  # why it does not answer yet
+    if state.phase in ("discovery", "load") and not event.answer and event.reason:  # why it does not answer yet
         return _map(state, lambda each: replace(each, reason=event.reason) if each.robot == event.robot else each), ()
     return state, ()
 

@@ -16,6 +16,7 @@ from fame.deploy.signing import Identity
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, EndpointWarning, Middleware, Node, TopicInfo
+from fame.version import PROTOCOL, current
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -235,14 +236,15 @@ class StatusPublisher:
         problem: Problem | None,
         migration: Mapping[str, Any] | None = None,
     ) -> None:
-        found = self._progress()
+        found = dict(self._progress())
+        said = {"state": {"protocol": PROTOCOL, "fame": current(), "goals": found.pop("goals", [])}}
         report = Report(
             robot=self._verifier.robot,
             deployment=deployment,
             answer=answer,
             reason=reason,
             problem=asdict(problem) if problem is not None else {},
-            migration=migration or {},
+            migration=migration or ({} if deployment else said),
             born=self._verifier.born,
             time=self._scheduler.now / SECOND,
             key=self._key,
@@ -395,6 +397,7 @@ def _described(process: RobotNode) -> dict[str, Any]:
         "offers": process.offers(),
         "error": str(errors[-1]) if errors else "",
         "suspended": process.suspension.to_json(),
+        "goals": process.runner.cancelled.actions() if process.suspension.by else [],
         "incidents": [{"element": id, "code": code, "text": text} for id, code, text in process.incidents[:WAITS]],
         "errors": [{**error.to_json(), "name": error.name} for error in errors],
     }

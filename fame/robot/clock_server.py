@@ -11,7 +11,7 @@ from fame.fast_json import json_bytes
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, Node
 from fame.text import read_json
-from fame.version import current as fame_version
+from fame.version import PROTOCOL, current as fame_version
 
 STRING, CLOCK_TOPIC = "std_msgs/msg/String", "bpmn_clock"
 
@@ -29,4 +29,5 @@ class ClockServer:
             question = read_json(message.data, 1000).get("ask")
             if isinstance(question, str):
                 answer = {"answer": question, "time": self._now(), "epoch": self._epoch, "fame": fame_version()}
+                answer["protocol"] = PROTOCOL
                 self._publisher.publish(messages.create(STRING, json_bytes(answer).decode()))

@@ -21,6 +21,7 @@ from fame.middleware.interface import Node, Publisher
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event, Observer
 from fame.robot.robot_state import COUNTED, RobotState
+from fame.version import PROTOCOL
 
 if TYPE_CHECKING:
     from fame.robot.node import RobotNode
@@ -149,6 +150,7 @@ class LiveFeed:
         self._batch += 1
         changes, self._changes = self._changes, []
         batch = {
+            "protocol": PROTOCOL,
             "robot": node.name,
             "session": self._session,
             "batch": self._batch,
@@ -263,6 +265,7 @@ def _model_data(node: RobotNode, epoch: str, seed: int) -> Mapping[str, Any]:
     """The content of ``bpmn_model``: the running process, its file and those of all processes that it calls."""
     files = {home.file: home for home, _ in node.mission.processes()}
     return {
+        "protocol": PROTOCOL,
         "robot": node.name,
         "process": node.mission.process.id,
         "epoch": epoch,

@@ -180,9 +180,7 @@ class Suspension:
 
     def to_json(self) -> dict[str, Any]:
         """Return what a status says of it (`fame.deploy.Report.suspended`)."""
-        goals = self._node.runner.cancelled.actions()
-        more = {"goals": goals} if goals else {}
-        return {"by": self.by, "since": self.since / SECOND, "holder": self.holder, **more} if self.by else {}
+        return {"by": self.by, "since": self.since / SECOND, "holder": self.holder} if self.by else {}
 
     # ---- across engines ----------------------------------------------------------------------------------------------
 
