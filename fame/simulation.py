@@ -187,7 +187,7 @@ class Simulation:
         a seed that is made of this one and the time. Raises ConfigError for a file that cannot be written, and for a
         variable that cannot be stored.
         """
-        from fame.robot.restoring import save
+        from fame.robot.restoring import description, save
 
         self._begin()
         mission = self.node.mission
@@ -200,7 +200,7 @@ class Simulation:
             "now": self.scheduler.now,
             "seed": self._seed,
             "observed": self.node.engine.program.observed,
-            "program": self.node.engine.program.hash,
+            **description(self.node.engine.program),
         }
         save(self.node, Path(path), header)
 

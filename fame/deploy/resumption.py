@@ -173,6 +173,7 @@ class StateKeeper:
         """Record a process, and `start` it when its beginning is on the disk. `timers`: those that it takes over."""
         from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
+        from fame.robot.restoring import description
 
         self.stop()
         data = _text(envelope)
@@ -182,7 +183,7 @@ class StateKeeper:
             "robot": self._robot,
             "deployment": envelope.deployment,
             "hash": envelope.hash,
-            "program": process.engine.program.hash,
+            **description(process.engine.program),
             "envelope": name,
             "envelope_hash": key,
         }
@@ -202,11 +203,11 @@ class StateKeeper:
     def resume(self, stored: StoredMission, process: RobotNode) -> Callable[[], object]:
         """Transfer the stored state to a loaded process. Returns a function that lets it go on.
 
-        Raises ConfigError for the state of another program.
+        Raises ConfigError as `restored` does.
         """
         from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
-        from fame.robot.restoring import restored
+        from fame.robot.restoring import description, restored
 
         tables = restored(process, stored.contents)
         try:
@@ -214,6 +215,7 @@ class StateKeeper:
             journal = Journal.resume(self.directory, stored.contents, worker)
         except OSError as error:
             raise ConfigError(f"cannot be written: {error.strerror}", file=str(stored.contents.path)) from None
+        journal.header = {**journal.header, **description(process.engine.program)}  # of the segments that follow
         self.recorder = recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
         name = str(stored.contents.header["envelope"])
         recorder.anew = partial(self.directory.write_file, name, self._read_file(name) or b"")

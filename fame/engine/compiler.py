@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from fame.bpmn import model
 from fame.engine import adhoc, event_gateways, events, gateways, loops, starts, steps, subprocesses, tasks
@@ -20,13 +20,19 @@ _EVENTS = {
 
 
 def compile_program(
-    process: model.Process, *, host: Host, library: FindProcess, file: str = "", hash: str = "", observed: bool = False
+    process: model.Process,
+    *,
+    host: Host,
+    library: FindProcess,
+    file: str = "",
+    texts: Callable[[], str] = str,
+    observed: bool = False,
 ) -> Program:
-    """Compile a process and all that it calls.
+    """Compile a process and all that it calls. `texts` gives the hash of their texts, or nothing.
 
     Raises ModelError (file, line, element) for what cannot be executed.
     """
-    program = Program(process.id, hash, observed)
+    program = Program(process.id, texts, observed)
     compiler = Compiler(program, host, library, make)
     compiler.admit(process, file)
     program.instances = process.instances

@@ -247,11 +247,10 @@ class Program:
     """
 
     process: str
-    name: str
     observed: bool
 
-    def __init__(self, process: str, name: str = "", observed: bool = False) -> None:
-        self.process, self.name, self.observed = process, name, observed
+    def __init__(self, process: str, texts: Callable[[], str] = str, observed: bool = False) -> None:
+        self.process, self._texts, self.observed = process, texts, observed
         self.sources: list[Any] = []
         self.body: Body
         self.nodes: list[Node] = []
@@ -267,10 +266,15 @@ class Program:
 
     @cached_property
     def hash(self) -> str:
-        """The hash of the models that it was compiled from, or its name."""
+        """The hash of the texts of its models where a robot runs it; else `made`."""
+        return self._texts() or self.made
+
+    @cached_property
+    def made(self) -> str:
+        """The hash of the models that it was compiled from, as this version of FAME reads them."""
         from hashlib import sha256
 
-        return self.name or sha256(repr(self.sources).encode()).hexdigest()
+        return sha256(repr(self.sources).encode()).hexdigest()
 
     @cached_property
     def body_keys(self) -> dict[Body, str]:

@@ -1,17 +1,19 @@
 """The state of an engine as data, and back (docs/semantics.md).
 
 Scopes, waits and mailboxes are identified by their integer keys, nodes by their keys in the program, which is
-identified by its hash: a state fits only that program. Functions, classes and modules among the variables are left out.
-Waiting scripts start again (`Engine.restart`); scripts that were being cancelled count as ended. Timers belong to the
-host, which keeps their due times by the keys of the waits. `fame.engine.state_fields` has the fields.
+identified by the hash of its models: a state fits only those. Where another version of the compiler has made the
+program, nodes are found by their elements (`NodeFinder`). Functions, classes and modules among the variables are left
+out. Waiting scripts start again (`Engine.restart`); scripts that were being cancelled count as ended. Timers belong to
+the host, which keeps their due times by the keys of the waits. `fame.engine.state_fields` has the fields.
 
 Invariant: ``snapshot(restore(program, snapshot(engine), ...)) == snapshot(engine)``.
 """
 
 from __future__ import annotations
 
+import re
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from fame.engine.adhoc import NEXT, SWEEP
@@ -134,20 +136,81 @@ def restore(
     new_variables: Callable[[], dict[str, Any]] = dict,
     *,
     load: Convert = no_data,
+    moved: dict[str, str] | None = None,
 ) -> Engine:
     """Return the engine of a snapshot. No token moves, and the host is not called, until `Engine.restart`.
 
     The engine never changes `data`: any number of engines can be restored from it.
 
-    `load` is the inverse of `dump`. Raises MissionError for the state of another program.
+    `load` is the inverse of `dump`. `moved` gets the keys of nodes that are others now, with those. Raises MissionError
+    for the state of another model, and for what has no place in this program.
     """
-    if (data["program"], data["observed"]) != (program.hash, program.observed):
-        raise MissionError(f"the state is one of program {data['program']}, not of {program.hash}")
-    nodes = {**program.by_key, **{node.key: node for node in OF_NO_PROGRAM}}
+    if data["observed"] != program.observed:
+        raise MissionError(f"the state is one {'with' if data['observed'] else 'without'} an observer")
+    if data["program"] != program.hash:
+        raise MissionError(
+            f"the state is one of another model: its texts, or those that it calls, have hash {data['program'][:12]}, "
+            f"expected {program.hash[:12]}; bring them back, or start over"
+        )
+    nodes = NodeFinder(program, {} if moved is None else moved)
+    nodes.expect_places(data)
     of = Reader(Engine(program, host, new_variables), nodes, _dicts(data, new_variables, load), load, {}, {})
     _objects(data, of)
     _derived(data, of)
     return of.engine
+
+
+class NodeFinder(dict[str, Node]):
+    """The nodes of a program by key. For a key that it does not have: the only node of the same element.
+
+    What one version of the compiler makes of an element, another may make otherwise.
+    """
+
+    def __init__(self, program: Program, moved: dict[str, str]) -> None:
+        super().__init__(program.by_key)
+        self.update((node.key, node) for node in OF_NO_PROGRAM)
+        self._nodes, self._moved = program.nodes, moved
+
+    def expect_places(self, data: Data) -> None:
+        """Find the places of all scopes, waits and mailboxes. Raises MissionError with all that have none."""
+        incidents = {item[0] for item in data["incidents"]}
+        kinds: dict[str, Callable[[Node], object]] = {
+            "scopes": lambda node: hasattr(node, "ended"),
+            "waits": lambda node: node.catch,
+            "boxes": lambda node: node.catch,
+        }
+        lost = dict[str, None]()
+        for name, fits in kinds.items():
+            for key in {item["node"]: None for item in data[name] if item["key"] not in incidents}:
+                if key is not None and not fits(self.get(key) or self._find(key, fits) or FINISH):
+                    lost[element_of(key)] = None
+        if lost:
+            raise self._misses(lost)
+
+    def __missing__(self, key: str) -> Node:
+        found = self._find(key, lambda node: True)
+        if found is None:
+            raise self._misses([element_of(key)])
+        return found
+
+    def _find(self, key: str, fits: Callable[[Node], object]) -> Node | None:
+        """Return the only node of an element that fits, and note it."""
+        found = [node for node in self._nodes if node.id == element_of(key) and fits(node)]
+        if len(found) != 1:
+            return None
+        self[key], self._moved[key] = found[0], found[0].key
+        return found[0]
+
+    def _misses(self, elements: Iterable[str]) -> MissionError:
+        return MissionError(
+            f"this FAME makes something else of {', '.join(elements)}, where the state has a token, an event or a "
+            "message; end that with the FAME that wrote the state, or start over"
+        )
+
+
+def element_of(key: str) -> str:
+    """Return the id of the element of a node, which its key begins with."""
+    return re.split("[/@#]", str(key), maxsplit=1)[0]
 
 
 def _dicts(data: Data, new_variables: Callable[[], dict[str, Any]], load: Convert) -> list[dict[str, Any]]:

@@ -56,6 +56,15 @@ class Mission:
         """Return the process and all that it calls, directly or not, each with its file."""
         return list(self.library.closure(self.definitions, self.process))
 
+    def hash(self) -> str:
+        """Return the hash of the texts of all these processes, whatever a version of FAME makes of them."""
+        from hashlib import sha256
+
+        found = sha256(self.process.id.encode())
+        for source in dict.fromkeys(home.source for home, _ in self.processes()):
+            found.update(sha256(source).digest())
+        return found.hexdigest()
+
     def flow_nodes(self) -> Iterator[tuple[Definitions, FlowNode]]:
         """Return the flow nodes of all these processes, each with its file."""
         return ((home, node) for home, process in self.processes() for node in process.body.walk())

@@ -129,7 +129,9 @@ class RobotNode:
             return process, home.file
 
         file = mission.definitions.file
-        return compile_program(mission.process, host=self.host, library=library, file=file, observed=self._observed)
+        return compile_program(
+            mission.process, host=self.host, library=library, file=file, texts=mission.hash, observed=self._observed
+        )
 
     def assemble(self, program: Program) -> None:
         """Make the engine of a compiled program."""

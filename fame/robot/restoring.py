@@ -11,11 +11,20 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from fame.engine.program import Program
 from fame.engine.state import Wait
 from fame.errors import ConfigError, MissionError
 from fame.robot.journal import SegmentContents, write_segment
 from fame.robot.node import INCIDENT, RobotNode
-from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
+from fame.robot.state_tables import (
+    StateTables,
+    Tables,
+    fold,
+    instance_data,
+    instance_of,
+    restore_engine,
+    slots_of,
+)
 from fame.robot.stored_values import Loader
 from fame.robot.suspension import SUSPENDED
 
@@ -80,27 +89,45 @@ def go_on(node: RobotNode) -> None:
     node.go_on()
 
 
+def description(program: Program) -> dict[str, Any]:
+    """Return what the file of a state says of its program: the hash of its texts, and the elements that it counts."""
+    return {"program": program.hash, "elements": program.elements}
+
+
 # ---- journals --------------------------------------------------------------------------------------------------------
 
 
 def restored(node: RobotNode, contents: SegmentContents) -> Tables:
     """Restore the engine of a robot's node from a journal; nothing moves until `DurableRecorder.go_on`, or `go_on`.
 
-    Raises ConfigError for the journal of another program or robot.
+    A state belongs to the texts of its model. Where another FAME has made something else of them, it goes over by the
+    ids of elements, as in a migration. Raises ConfigError for the journal of another model or robot, and for what has
+    no place any more.
     """
     tables: Tables = {}
     for change in contents.records():
         fold(tables, change)
-    load = Loader(node.mission)
+    load, program, moved = Loader(node.mission), node.engine.program, dict[str, str]()
+    elements = contents.header.get("elements", program.elements)
+    if "elements" not in contents.header:  # FAME 0.2 named what it had made of the model; an envelope has the text
+        if "simulation" in contents.header and tables["engine"]["program"] != program.made:
+            node.host.report("", "it is not known whether the state was saved with this text of the model")
+        tables["engine"]["program"] = program.hash
     try:
-        engine = restore_engine(tables, node.engine.program, node.host, node.engine.new_variables, load)
+        engine = restore_engine(
+            tables, program, node.host, node.engine.new_variables, load, elements=elements, moved=moved
+        )
     except MissionError as error:
         raise ConfigError(str(error), file=str(contents.path)) from error
     engine.at_once = node.engine.at_once
     host = node.host
     host.started, host.completed, host.failed, host.elements_done = tables["totals"][""]
-    over = [instance_of(data, engine.program, load) for data in tables.get("ended", {}).values()]
+    slots = slots_of(elements, program)
+    over = [instance_of(data, program, load, slots) for data in tables.get("ended", {}).values()]
     host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
+    if moved:
+        what = ", ".join(f"{old} as {new}" for old, new in moved.items())
+        node.host.report("", f"this FAME makes something else of the model, to which the state goes over: {what}")
     node.attach(engine)
     node.suspension.restore(tables.get("suspension", {}), epoch_of(node))
     if node.acknowledged is not None:

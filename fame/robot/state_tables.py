@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import json
 import marshal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import compress
 from operator import ne
@@ -266,8 +266,15 @@ def restore_engine(
     host: Host,
     new_variables: Callable[[], dict[str, Any]],
     load: Callable[[Any], Any],
+    *,
+    elements: Sequence[str] | None = None,
+    moved: dict[str, str] | None = None,
 ) -> Engine:
-    """Return the engine of these tables. Raises MissionError for the state of another program."""
+    """Return the engine of these tables. `elements` (by default those of the program) and `moved` are as of `slots_of`
+    and `restore`.
+
+    Raises MissionError for the state of another model, and for what has no place in this program.
+    """
     data: dict[str, Any] = dict(tables["engine"])
     for name in _KEYED:
         table = tables.get(name, {})
@@ -282,9 +289,11 @@ def restore_engine(
         number, _, name = key.partition(" ")
         data["variables"][numbers[int(number)]]["own"][name] = value
     counts = {item["key"]: [0] * len(program.elements) for item in data["instances"]}
+    slots = slots_of(program.elements if elements is None else elements, program)
     for key, count in tables.get("counts", {}).items():
         instance, slot = map(int, key.split())
-        counts[instance][slot] = count
+        if slot in slots:
+            counts[instance][slots[slot]] += count
     for item in (*data["instances"], *data["scopes"]):
         item["variables"] = numbers[item["variables"]]
     for item in data["instances"]:
@@ -292,7 +301,18 @@ def restore_engine(
     for item in data["scopes"]:
         if item["done"] is not None:
             item["done"] = [_renumbered(record, numbers) for record in item["done"]]
-    return restore(program, data, host, new_variables, load=load)
+    return restore(program, data, host, new_variables, load=load, moved=moved)
+
+
+def slots_of(elements: Sequence[str], program: Program) -> Mapping[int, int]:
+    """Return the slots of elements, as their ids stood in `Program.elements` when the state was written, by old slot.
+
+    Elements that are not counted any more have none.
+    """
+    slots: dict[str, list[int]] = {}
+    for slot, element in enumerate(program.elements):
+        slots.setdefault(element, []).append(slot)
+    return {old: found.pop(0) for old, element in enumerate(elements) if (found := slots.get(element))}
 
 
 def _renumbered(record: list[Any], numbers: Mapping[int, int]) -> list[Any]:
@@ -336,13 +356,17 @@ def _packed(counts: list[int]) -> str | list[int]:
         return list(counts)
 
 
-def instance_of(data: Mapping[str, Any], program: Program, load: Callable[[Any], Any]) -> Instance:
-    """Return the instance that `instance_data` made such data of."""
+def instance_of(
+    data: Mapping[str, Any], program: Program, load: Callable[[Any], Any], slots: Mapping[int, int]
+) -> Instance:
+    """Return the instance that `instance_data` made such data of; `slots` as of `slots_of`."""
     variables = {name: decode(value, load) for name, value in data["values"].items()}
     instance = Instance(data["key"], program, variables)
     instance.status = data["status"]
     counts = data["counts"]
-    instance.counts = list(bytes.fromhex(counts)) if isinstance(counts, str) else counts
+    for slot, count in enumerate(bytes.fromhex(counts) if isinstance(counts, str) else counts):
+        if slot in slots:
+            instance.counts[slots[slot]] += count
     if data["error"] is not None:
         fields = dict(data["error"])
         instance.error = MissionError(fields.pop("text"), **fields)

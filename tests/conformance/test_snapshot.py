@@ -110,7 +110,7 @@ def test_chained_variables_stay_chained() -> None:
 
 def test_the_state_of_another_program_is_refused() -> None:
     one, other = Run(start() + user("u") + path("s u")).run(), Run(start() + user("v") + path("s v")).run()
-    with pytest.raises(MissionError, match="not of"):
+    with pytest.raises(MissionError, match="the state is one of another model"):
         restore(other.node.engine.program, snap(one), other.node.host)
 
 
