@@ -72,6 +72,10 @@ def test_a_type_may_be_named_without_msg() -> None:
         ("sensor_msgs/msg/LaserScanner", "did you mean sensor_msgs/msg/LaserScan"),
         ("std_srvs/srv/Trigger", "this is a service; its messages are std_srvs/srv/Trigger_Request and"),
         ("", "there is no such message type"),
+        (
+            "my_msgs/msg/Load",
+            r"; the folder that has my_msgs is named in fame.yaml \(types: \[FOLDER\]\) or by --types",
+        ),
     ],
 )
 def test_an_unknown_type_is_refused_with_the_names_most_like_it(name: str, suggestion: str) -> None:

@@ -282,12 +282,17 @@ def _broken_file(full: str) -> str:
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
-    """``; did you mean ...?`` with similar names, or names with the same ending, if there are any."""
+    """``; did you mean ...?`` with similar names, or names with the same ending, if there are any; where to name the
+    folder of a package that is unknown."""
     ending = name.strip().rpartition("/")[2].lower()
     known = sorted(known)
     similar = [full for full in known if full.rpartition("/")[2].lower() == ending]
     similar += [full for full in difflib.get_close_matches(name, known, cutoff=0.8) if full not in similar]
-    return f"; did you mean {' or '.join(similar[:3])}?" if similar else ""
+    if similar:
+        return f"; did you mean {' or '.join(similar[:3])}?"
+    package, is_full, _ = name.strip().partition("/")
+    own = bool(is_full) and not any(full.startswith(f"{package}/") for full in known)
+    return f"; the folder that has {package} is named in fame.yaml (types: [FOLDER]) or by --types" if own else ""
 
 
 def _table() -> dict[str, Definition]:
