@@ -10,7 +10,12 @@ try:
 except ImportError:  # a workspace of ROS that was built by colcon alone
     orjson = None  # type: ignore[assignment]
 
-_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), default=str).encode
+
+def _as_text(value: Any) -> Any:
+    return json.loads(orjson.dumps(value)) if orjson is not None and isinstance(value, orjson.Fragment) else str(value)
+
+
+_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), default=_as_text).encode
 
 
 def json_bytes(value: Any) -> bytes:
@@ -21,6 +26,11 @@ def json_bytes(value: Any) -> bytes:
         except TypeError:  # large numbers, keys that are no texts, texts that are not Unicode
             pass
     return _encode(value).encode("utf-8", "backslashreplace")
+
+
+def json_fragment(text: bytes) -> Any:
+    """Return what `json_bytes` writes as this JSON, without encoding it again."""
+    return json.loads(text) if orjson is None else orjson.Fragment(text)
 
 
 def _other(value: Any) -> Any:

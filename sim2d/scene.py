@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
-from fame.fast_json import json_bytes
+from fame.fast_json import json_bytes, json_fragment
 from sim2d import style
 from sim2d.ground import ChargerConfig, Circle, Outline, Polygon, disc
 from sim2d.robot import Appearance, SimulatedRobot, period
@@ -44,8 +44,8 @@ class SceneRecorder:
     def __init__(self, world: World, put: PutScene, wanted: Callable[[], bool] = lambda: True) -> None:
         self._put, self._wanted = put, wanted
         self._every = sampling(world)
-        self._robots = [_constant_part(robot, number) for number, robot in enumerate(world.robots.values())]
-        self._looks: list[dict[str, Any]] = []
+        self._robots = [_Sampled(robot, number) for number, robot in enumerate(world.robots.values())]
+        self._shows = False
         self._state: _GroundState | None = None
         world.watchers.append(self._watch)
 
@@ -59,31 +59,55 @@ class SceneRecorder:
         if state != self._state:
             self._state = state
             self._put("/fame/ground", world.scheduler.now, _ground_scene(world.config, world.now, state))
-        looks = [_look_data(robot.appearance) for robot in world.robots.values()] if self._wanted() else []
-        if looks != self._looks:
-            self._looks = looks
-            if looks:
-                self._put("/fame/world", world.scheduler.now, self._scene(world.now))
+        if not self._wanted():
+            self._shows = False
+            return
+        different = [robot.is_different() for robot in self._robots]
+        if any(different) or (different and not self._shows):
+            self._shows, timestamp = True, _timestamp(world.now)
+            entities = [{**robot.entity, "timestamp": timestamp} for robot in self._robots]
+            self._put("/fame/world", world.scheduler.now, {"deletions": [], "entities": entities})
 
-    def _scene(self, now: float) -> dict[str, Any]:
-        """All robots at a time (s): outlines, names above them, and appearances."""
-        entities = []
-        for (name, constant, line, text), look in zip(self._robots, self._looks, strict=True):
-            half = look["heading"] / 2
-            pose = {
-                "position": {"x": look["x"], "y": look["y"], "z": look.get("altitude", 0.0)},
-                "orientation": {"x": 0, "y": 0, "z": round(math.sin(half), 5), "w": round(math.cos(half), 5)},
-            }
-            appearance = json_bytes({**constant, **look}).decode()
-            entities.append(
-                {
-                    **_empty_entity(name, now),
-                    "metadata": [{"key": "appearance", "value": appearance}],
-                    "lines": [{**line, "pose": pose}],
-                    "texts": [{**text, "pose": pose}],
-                }
-            )
-        return {"deletions": [], "entities": entities}
+
+class _Sampled:
+    """A robot at the last look, as `entity`: its outline, its name above it, and its appearance."""
+
+    def __init__(self, robot: SimulatedRobot, number: int) -> None:
+        self._robot = robot
+        self._look: Mapping[str, Any] = {}
+        self.entity: Mapping[str, Any] = _empty_entity(robot.name, 0.0)
+        colour = style.robot_colour(number)
+        text = {
+            "billboard": True,
+            "font_size": 14,
+            "scale_invariant": True,
+            "color": _colour(colour),
+            "text": robot.name,
+        }
+        look = {"type": robot.type, "outline": _rounded(robot.outline)}
+        self._constant, self._line, self._text = (
+            {name: json_fragment(json_bytes(value)) for name, value in part.items()}
+            for part in (look, _line(robot.outline, colour, 0.03), text)
+        )
+
+    def is_different(self) -> bool:
+        """Look at it, and return whether it appears otherwise than at the last look."""
+        look = _look_data(self._robot.appearance)
+        if look == self._look:
+            return False
+        self._look, half = look, look["heading"] / 2
+        pose = {
+            "position": {"x": look["x"], "y": look["y"], "z": look.get("altitude", 0.0)},
+            "orientation": {"x": 0, "y": 0, "z": round(math.sin(half), 5), "w": round(math.cos(half), 5)},
+        }
+        posed = {"pose": json_fragment(json_bytes(pose))}
+        self.entity = {
+            **self.entity,
+            "metadata": [{"key": "appearance", "value": json_bytes({**self._constant, **look}).decode()}],
+            "lines": [{**self._line, **posed}],
+            "texts": [{**self._text, **posed}],
+        }
+        return True
 
 
 _GroundState = tuple[
@@ -202,7 +226,7 @@ def _flat(place: ChargerConfig | StationConfig) -> dict[str, Any]:
 def _empty_entity(name: str, now: float) -> dict[str, Any]:
     kinds = ("metadata", "arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
     return {
-        "timestamp": {"sec": math.floor(now), "nsec": round((now - math.floor(now)) * 1e9)},
+        "timestamp": _timestamp(now),
         "frame_id": _FRAME,
         "id": name,
         "lifetime": {"sec": 0, "nsec": 0},
@@ -211,18 +235,8 @@ def _empty_entity(name: str, now: float) -> dict[str, Any]:
     }
 
 
-def _constant_part(robot: SimulatedRobot, number: int) -> tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """The name of a robot, and what does not change of its appearance, its outline and its label."""
-    colour = style.robot_colour(number)
-    text = {
-        "billboard": True,
-        "font_size": 14,
-        "scale_invariant": True,
-        "color": _colour(colour),
-        "text": robot.name,
-    }
-    look = {"type": robot.type, "outline": _rounded(robot.outline)}
-    return robot.name, look, _line(robot.outline, colour, 0.03), text
+def _timestamp(now: float) -> dict[str, int]:
+    return {"sec": math.floor(now), "nsec": round((now - math.floor(now)) * 1e9)}
 
 
 def _line(points: Iterable[Point], colour: str, thickness: float) -> dict[str, Any]:

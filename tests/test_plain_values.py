@@ -13,7 +13,7 @@ from fame.fast_json import json_bytes
 from fame.middleware import messages
 from fame.middleware.messages import message_type
 from fame.robot import plain_values
-from fame.robot.plain_values import content_of, plain, plain_and_text
+from fame.robot.plain_values import content_of, encoded, plain
 
 VALUES = [
     messages.create("geometry_msgs/Twist", {"linear": {"x": 0.5, "y": -1.0}}),
@@ -50,14 +50,20 @@ def test_a_message_is_the_same_without_orjson(value: object, monkeypatch: pytest
 
 
 def test_values_are_the_same_only_if_their_json_is() -> None:
-    assert plain_and_text([1])[1] != plain_and_text([True])[1] != plain_and_text([1.0])[1]
-    assert plain_and_text(1)[1] != plain_and_text(True)[1] != plain_and_text(1.0)[1]
-    assert plain_and_text(float("nan"))[1] == plain_and_text(float("nan"))[1]
+    assert encoded([1])[1] != encoded([True])[1] != encoded([1.0])[1]
+    assert encoded(1)[1] != encoded(True)[1] != encoded(1.0)[1] == encoded(numpy.float64(1))[1]
+    assert encoded(float("nan"))[1] == encoded(float("nan"))[1]
     array = numpy.array([1.0, 2.0])
-    before, text = plain_and_text(array)
-    assert plain_and_text(numpy.array([1.0, 2.0]))[1] == text
+    before, text = encoded(array)
+    assert encoded(numpy.array([1.0, 2.0]))[1] == text
     array[1] = 3.0
-    assert (before, plain_and_text(array)[1] != text) == ([1.0, 2.0], True)
+    assert (json_bytes(before), encoded(array)[1] != text) == (b"[1.0,2.0]", True)
+
+
+@pytest.mark.parametrize("value", [*VALUES, [1 << 70], {"a": "\ud800"}], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize("around", [1, 1 << 70])
+def test_what_is_encoded_is_written_as_it_would_be(value: object, around: int) -> None:
+    assert json_bytes([encoded(value)[0], around]) == json_bytes([plain(value), around])
 
 
 @pytest.mark.parametrize(

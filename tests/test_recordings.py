@@ -32,7 +32,7 @@ CHANGES = (EVENTS, VARIABLES, WAITING)
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, EventLog]:
     """Twenty seconds of the agriculture example, as a recording and as events."""
     path = tmp_path_factory.mktemp("recordings") / "run.mcap"
-    pytest.MonkeyPatch().setattr("fame.log.recording_file.CHUNK", 1 << 14)  # several chunks also of a short run
+    pytest.MonkeyPatch().setattr("fame.log.mcap_writer.CHUNK", 1 << 14)  # several chunks also of a short run
     scenario, events = Scenario.load(EXAMPLES / "agriculture.yaml", duration=20), EventLog()
     about = About(metadata={"seed": "1"}, attachments=[("scenario/s.yaml", "application/yaml", b"seed: 1\n")])
     with logging_to(path, scenario.closures(), about) as log:

@@ -7,6 +7,7 @@ waiting tokens with what it knew, and passes on the messages of what is differen
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from itertools import compress
 from operator import is_not
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from fame.clock import SECOND
 from fame.engine.data import is_data
 from fame.engine.program import Mark, Node
 from fame.engine.state import Instance, Scope, Trail, Wait
-from fame.robot.plain_values import content_of, is_changeable, plain, plain_and_text
+from fame.robot.plain_values import content_of, encoded, is_changeable, plain
 from fame.robot.robot_state import EVENTS, VARIABLES, WAITING
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ PutChange = Callable[[int, str, Mapping[str, Any]], object]
 """Takes a time (ns), the topic of a channel, and the content of a message."""
 
 _MANY = 1000
-"""Groups of marks that are kept while the tracker is not active."""
+"""Groups of marks that are kept while the tracker is not active, and places of scopes."""
 _NO_SCRIPT = (0, None, None)
 """The state of a wait that is neither suspended nor for a script."""
 _JOIN = {"kind": "join", "text": "tokens on its other flows"}
@@ -44,6 +45,8 @@ class ChangeTracker:
         self.robot: str = node.name
         self._node, self._waiting, self._put = node, node.waiting, put
         self._groups: list[tuple[Mapping[str, Any], Sequence[Mark]]] = []  # a place, and what happened there
+        self._place = lru_cache(_MANY)(_place)
+        self._where = lru_cache(_MANY)(_where)
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
         self._tokens: dict[Hashable, tuple[object, int]] = {}  # waiting tokens: what is compared, since when (ns)
         self._graph_due = 0  # when to look again who publishes (ns)
@@ -57,7 +60,8 @@ class ChangeTracker:
 
     def trail(self, trail: Trail) -> None:
         """Take what tokens did, from the engine."""
-        self._groups += [(_place(scope), marks) for scope, marks in trail]
+        place = self._place
+        self._groups += [(place(scope), marks) for scope, marks in trail]
         if not self.active and len(self._groups) > _MANY:
             self.give_events(0)
 
@@ -65,7 +69,10 @@ class ChangeTracker:
         """Pass on the events until `time` (ns) alone."""
         groups, self._groups = self._groups, []
         if groups:
-            events = [{**place, "marks": [_mark(mark) for mark in marks]} for place, marks in groups]
+            events = [
+                {**place, "marks": [mark[:2] if mark[2] is None else (*mark[:2], plain(mark[2])) for mark in marks]}
+                for place, marks in groups
+            ]
             self._put(time, EVENTS, {"robot": self.robot, "events": events})
 
     # ---- what is different -------------------------------------------------------------------------------------------
@@ -116,7 +123,7 @@ class ChangeTracker:
             if known is None or known[0] != state:
                 known = state, known[1] if known is not None else waiting.since(wait, time)
                 details = (self._waits.get(wait.node) if is_simple else None) or self._details(wait, state)
-                token = _token(str(wait.key), wait.scope, wait.node, known[1], details)
+                token = self._token(str(wait.key), wait.scope, wait.node, known[1], details)
                 if (miss := waiting.last_miss(wait) if waiting.missed or waiting.uncorrelated else None) is not None:
                     token["missed"] = {"time": miss[0], "why": miss[1]}
                 fresh.append(token)
@@ -126,10 +133,13 @@ class ChangeTracker:
             known = before.get(key)
             if known is None or known[0] is None:
                 known = _NO_SCRIPT, known[1] if known is not None else time
-                fresh.append(_token(key, scope, join, known[1], _JOIN))
+                fresh.append(self._token(key, scope, join, known[1], _JOIN))
             now[key] = known
         self._tokens = now
         return fresh, [str(key) for key in before if key not in now]
+
+    def _token(self, key: str, scope: Scope, node: Node, since: int, details: Mapping[str, Any]) -> dict[str, Any]:
+        return {"key": key, **self._where(scope), "element": node.id, "since": since, **details}
 
     def _details(self, wait: Wait, state: object) -> Mapping[str, Any]:
         """What a token waits for."""
@@ -149,7 +159,7 @@ class _ScopeVariables:
         self._variables = scope.variables
         self._values: dict[str, Any] = {}
         self._contents: dict[str, object] = {}  # of values that may change in place; None where nobody can tell
-        self._shown: dict[str, object] = {}  # the JSON of those that are data
+        self._shown: dict[str, object] = {}  # the keys of those that are data
 
     def change(self) -> dict[str, Any]:
         """Return the values that are new or changed, also in place, and the names of those that
@@ -167,21 +177,20 @@ class _ScopeVariables:
                 changed[name] = None
         for name in changed:
             value, known = values[name], shown.get(name)
-            self._contents.pop(name, None)
             kind = value.__class__
-            text: object
-            finite = kind is int or kind is bool or (kind is float and value - value == 0.0)
-            if finite and not name.startswith("__"):  # most are: they are their own plain data
-                found, text = value, (kind, value)
-            elif is_data(name, value):
-                if is_changeable(value):
-                    self._contents[name] = content_of(value)
-                found, text = plain_and_text(value, known)
-            else:
+            if kind is float and known.__class__ is float and value - value == 0.0:  # as most are
+                if value != known:
+                    shown[name] = fresh[name] = value
+                continue
+            self._contents.pop(name, None)
+            if not is_data(name, value):
                 gone += [name] * (name in shown)
                 continue
-            if known != text:
-                shown[name], fresh[name] = text, found
+            if is_changeable(value):
+                self._contents[name] = content_of(value)
+            found, key = encoded(value)
+            if known != key:
+                shown[name], fresh[name] = key, found
         for name in gone:
             del shown[name]
         return ({"set": fresh} if fresh else {}) | ({"unset": gone} if gone else {})
@@ -191,18 +200,13 @@ _NOTHING = object()
 """The value of a variable that was not there."""
 
 
-def _mark(mark: Mark) -> list[Any]:
-    element, what, detail = mark
-    return [element, what] if detail is None else [element, what, plain(detail)]
-
-
-def _token(key: str, scope: Scope, node: Node, since: int, details: Mapping[str, Any]) -> dict[str, Any]:
+def _where(scope: Scope) -> Mapping[str, Any]:
+    """The place of a token in a scope: that of the scope, the activities around it, and the body it is in."""
     body: Scope | None = scope
     while body is not None and body.body is None:
         body = body.parent
     inside = body.body.id if body is not None and body.body is not None else ""
-    where = {**_place(scope), "path": list(path_of(scope))}
-    return {"key": key, **where, "body": inside, "element": node.id, "since": since, **details}
+    return {**_place(scope), "path": list(path_of(scope)), "body": inside}
 
 
 def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[tuple[Scope, Node]]]:

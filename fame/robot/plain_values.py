@@ -13,7 +13,6 @@ import marshal
 import math
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import cache
 from itertools import islice
 from operator import attrgetter
@@ -21,7 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from fame.engine.data import is_data
-from fame.fast_json import json_bytes
+from fame.fast_json import json_bytes, json_fragment
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
 
@@ -47,21 +46,26 @@ _Encode = Callable[[Any, int], Any]
 
 def plain(value: Any) -> Any:
     """Return the plain data of a value, which do not change with it."""
-    return plain_and_text(value)[0]
+    return _plain_and_text(value)[0]
 
 
-def plain_and_text(value: Any, known: object = None) -> tuple[Any, object]:
-    """Return the plain data of a value, and a key for comparison: equal keys mean that the JSON is the same.
-
-    The data of a message with the key `known` may be missing (None).
-    """
+def encoded(value: Any) -> tuple[Any, object]:
+    """Return the plain data of a value as they are or as `json_fragment`, and a key for comparison: equal keys mean
+    that the JSON is the same."""
     text = _message_json(value) if isinstance(value, Message) else None
-    if text is not None and len(text) <= SIZE:
-        return None if text == known else orjson.loads(text), text
+    if text is None or len(text) > SIZE:
+        found, key = _plain_and_text(value)
+        if not isinstance(key, bytes):
+            return found, key
+        text = key
+    return json_fragment(text), text
+
+
+def _plain_and_text(value: Any) -> tuple[Any, object]:
     found = _encode(value, _DEPTH)
     kind = found.__class__
     if kind is not dict and kind is not list:
-        return found, (kind, found)
+        return found, found if kind is float else (kind, found)
     text = json_bytes(found)
     if len(text) > SIZE and (characters := len(text.decode())) > SIZE:
         found = _cut(f"{type(value).__name__} of {characters} characters")
@@ -85,8 +89,12 @@ _CHANGED_IN_PLACE: dict[type, bool] = {}
 
 
 def content_of(value: Any) -> object:
-    """Return the content of a value, to see whether it is changed in place; None where nobody can
+    """Return the content of a value as far as it is shown, to see whether it is changed in place; None where nobody can
     tell, as of objects."""
+    if value.__class__ is list and len(value) > ITEMS:
+        value = [len(value), *value[:_FIRST]]
+    elif getattr(value, "ndim", 0) and value.size > ITEMS:
+        return value.size
     try:
         return marshal.dumps(value, 2)
     except ValueError:
@@ -190,13 +198,14 @@ def _message(value: Any, depth: int) -> dict[str, Any]:
 def _message_json(value: Any) -> bytes | None:
     """The JSON of a message; None if it has long lists or texts, or numbers that JSON does not have."""
     type = value.__msgtype__
-    if orjson is not None and _is_simple(type):
-        with suppress(TypeError):  # what was put into its fields does not fit
-            text = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY)
-            long = len(text) > TEXT and any(len(attrgetter(path)(value)) > TEXT for path in _texts(type))
-            if b"null" not in text and not long:
-                return text
-    return None
+    if orjson is None or (fields := _fields_of(type)) is None:
+        return None
+    try:
+        text = orjson.dumps(fields(value), option=orjson.OPT_SERIALIZE_NUMPY)
+    except TypeError:  # what was put into its fields does not fit
+        return None
+    long = len(text) > TEXT and any(len(attrgetter(path)(value)) > TEXT for path in _texts(type))
+    return None if long or b"null" in text else text
 
 
 def _field(value: Any, depth: int) -> Any:
@@ -208,14 +217,24 @@ def _field(value: Any, depth: int) -> Any:
 
 
 @cache
+def _fields_of(type: str) -> Callable[[Any], dict[str, Any]] | None:
+    """The function that gives the fields of messages of a type, those of inner ones too, a third as long as orjson
+    needs to find them; None if there are sequences, long arrays or ones of float32 (orjson rounds)."""
+    return eval(f"lambda m: {_fields_source(type, 'm')}") if _is_simple(type) else None
+
+
+def _fields_source(type: str, message: str) -> str:
+    parts = ((f.name, f"{message}.{f.attribute}", f) for f in typesystem.definition(type).fields)
+    inner = (f"{name!r}: {_fields_source(f.base, path) if f.is_message else path}" for name, path, f in parts)
+    return f"{{{', '.join(inner)}}}"
+
+
+@cache
 def _is_simple(type: str) -> bool:
-    """Whether messages of a type have neither sequences nor long arrays, nor ones of float32 (orjson rounds), and
-    attributes named like their fields."""
     fields = typesystem.definition(type).fields
     return bool(fields) and not any(
         field.shape == "sequence"
         or field.size > LONG
-        or field.name != field.attribute
         or (field.is_message and (field.shape != "single" or not _is_simple(field.base)))
         or (field.shape != "single" and field.base == "float32")
         for field in fields

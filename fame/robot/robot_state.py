@@ -81,12 +81,12 @@ class RobotState:
     def apply(self, topic: str, data: Mapping[str, Any]) -> None:
         """Change it by a message of one of the three topics; messages of others are ignored."""
         if topic == EVENTS:
+            counts = self.counts
             for group in data["events"]:
                 for mark in group["marks"]:
-                    if mark[1] in COUNTED:
-                        counts = self.counts.get(mark[0]) or self.counts.setdefault(mark[0], {})
-                        counts[mark[1]] = counts.get(mark[1], 0) + 1
-                    else:
+                    try:
+                        counts[mark[0]][mark[1]] += 1
+                    except KeyError:  # the first of its kind, or one that is not counted
                         self._apply_mark(group["instance"], mark)
         elif topic == VARIABLES:
             for change in data["changes"]:
@@ -106,7 +106,9 @@ class RobotState:
 
     def _apply_mark(self, instance: int, mark: Sequence[Any]) -> None:
         element, what = mark[:2]
-        if what == "start":
+        if what in COUNTED:
+            self.counts.setdefault(element, {})[what] = 1
+        elif what == "start":
             self.instances[instance] = element, "running"
         elif what == "end":
             self.instances[instance] = element, str(mark[2])

@@ -11,6 +11,7 @@ from typing import Any
 
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
+from fame.fast_json import json_bytes
 from fame.log import Recording
 from fame.log.channels import EVENTS, VARIABLES
 from fame.log.recorder import Recorder
@@ -57,6 +58,8 @@ class LiveRun(PageSink):
             self._lost[robot] = self._time
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
+        if topic in _COMPARED:  # parts of them are encoded
+            data = json.loads(json_bytes(data))
         super().put(topic, time, data)
         self._time = max(self._time, time)
         if self.listen is not None:
