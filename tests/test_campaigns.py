@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -506,6 +507,21 @@ def test_runs_can_be_recorded(scenario: Path, tmp_path: Path) -> None:
         assert found["times"] == 2
         assert {found["p50"], found["p95"]} == {one["p50"] for one in runs}
         assert [one["name"] for one in runs] == ["run-1.mcap", "run-2.mcap"]
+
+
+@pytest.mark.long
+def test_each_cause_of_failures_has_a_page_of_its_shortest_run(scenario: Path, tmp_path: Path) -> None:
+    vary, out = tmp_path / "c.yaml", tmp_path / "out"
+    vary.write_text("vary: {variables.P.speed: {choice: [0.5, 1.5]}}\n")
+    words = ["campaign", str(scenario), "--runs", "4", "--jobs", "1", "--vary", str(vary), "-o", str(out), "--record"]
+    assert main(words) == 0
+    report = (out / "index.html").read_text()
+    links = re.findall(r'<td>(\d+) <a href="run-(\d+).html">watch</a></td>', report)
+    assert len(links) == 1
+    (seed, number), page = links[0], (out / f"run-{links[0][1]}.html").read_text()
+    assert seed == number  # the first seed is 1
+    assert 'id="block/0.json"' in page
+    assert [path.name for path in out.glob("run-*.html")] == [f"run-{number}.html"]
 
 
 @pytest.mark.long

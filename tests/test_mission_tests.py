@@ -1,5 +1,6 @@
 """Tests of missions: what drives them, what is expected of them, what a failed expectation shows."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -428,6 +429,34 @@ def test_the_report_of_a_failed_test_has_the_state_of_its_missions(pytester: pyt
     result.stdout.fnmatch_lines(
         ["*assert 5.0 == 3*", "*mission ground_vehicles.bpmn*", "at 5 s", '*REX  at "done"*', "saved: *run.mcap"]
     )
+
+
+def test_a_folder_shows_the_runs_of_tests_that_failed(pytester: pytest.Pytester) -> None:
+    text = f"""
+        import pytest
+
+        @pytest.mark.parametrize("now", ["<script>", 0.5])
+        def test_it(mission, now):
+            m = mission.load({str(VEHICLES)!r})
+            m.stub("Explore", after=2)
+            mission.load({str(VEHICLES)!r})  # which does not run
+            m.advance(0.5)
+            assert m.now == now, "<script>"
+        """
+    pytester.makepyfile(text)
+    folder = pytester.path / "report"
+    result = pytester.runpytest_inprocess("-p", "fame.testing.plugin", "--fame-report", str(folder))
+    result.assert_outcomes(failed=1, passed=1)
+    result.stdout.fnmatch_lines(["*report/index.html"])
+    page = (folder / "index.html").read_text()
+    assert "<h1>1 failed, 1 passed</h1>" in page
+    assert page.index("test_it[&lt;script&gt;]") < page.index("test_it[0.5]")
+    assert "<script>" not in page
+    links = re.findall('<a href="([^"#]+)#t=0.5">watch it</a>', page)
+    assert len(links) == 1
+    assert 'id="block/0.json"' in (folder / links[0]).read_text()
+    assert {path.suffix for path in folder.iterdir()} == {".html", ".mcap"}
+    assert len([*folder.iterdir()]) == 3
 
 
 def test_stubs_and_fakes_that_a_mission_does_not_use_are_named(pytester: pytest.Pytester) -> None:

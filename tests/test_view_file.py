@@ -248,6 +248,21 @@ def test_markup_in_a_recording_stays_text_in_its_file(chromium: Browser, small: 
         assert page.locator("img").count() == 0
 
 
+def test_a_file_is_shown_in_a_sandbox_that_keeps_nothing(chromium: Browser, small: Path) -> None:
+    frame = small.with_name("frame.html")
+    frame.write_text(f'<iframe sandbox="allow-scripts" src="{written(small).name}" width="900" height="600"></iframe>')
+    context = chromium.new_context(offline=True)
+    page, wrong = context.new_page(), []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto(frame.as_uri())
+    inside = page.frames[1]
+    until(inside, "fame.state !== null && fame.tabs.name === 'diagram'")
+    inside.evaluate("fame.theme(), fame.tabs.choose('log'), fame.inspector.choose('log')")
+    until(inside, "document.querySelector('#inspector').textContent.includes('window.hit')")
+    context.close()
+    assert not wrong
+
+
 def test_a_part_that_is_damaged_is_said(chromium: Browser, small: Path) -> None:
     path = written(small)
     path.write_text(path.read_text().replace('id="mission.json">H4sI', 'id="mission.json">H4sA'))

@@ -13,7 +13,7 @@ from fame.view import PageSource, Server
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Frame, Page
 
 READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
 
@@ -64,7 +64,7 @@ def _at(
     assert not wrong, wrong
 
 
-def until(page: Page, condition: str, seconds: float = 60.0) -> Any:
+def until(page: Page | Frame, condition: str, seconds: float = 60.0) -> Any:
     """Wait until an expression is true on the page, and return its value. One that fails is not true yet.
 
     The time is ample: a busy machine is no reason to fail. While a block of the run is being loaded there is no state.

@@ -3,6 +3,12 @@
 import js from "@eslint/js";
 import globals from "globals";
 
+// A page that is a file has no server, and in a sandbox it keeps nothing.
+const GUARDED = [
+  ...["fetch", "WebSocket", "XMLHttpRequest"].map((name) => ({ name, message: "The data come by source.js." })),
+  ...["localStorage", "sessionStorage"].map((name) => ({ name, message: "Use `keep` and `kept` of dom.js." })),
+];
+
 export default [
   js.configs.recommended,
   {
@@ -14,7 +20,9 @@ export default [
       "prefer-const": "error",
       "no-var": "error",
       eqeqeq: "error",
+      "no-restricted-globals": ["error", ...GUARDED],
     },
   },
+  { files: ["**/source.js"], rules: { "no-restricted-globals": "off" } },
   { files: ["tests/page/*.mjs"], languageOptions: { globals: globals.node } },
 ];

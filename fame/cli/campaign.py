@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive, whole
 from fame.cli.output import note, print_json, progress_line
-from fame.errors import ConfigError
+from fame.errors import ConfigError, FameError
+from fame.rooms import WRITE_RECORDING, load
 
 if TYPE_CHECKING:
     from fame.scenario.campaign import Campaign, Folder
@@ -34,7 +35,9 @@ def add(commands: Commands) -> None:
     parser.add_argument("--vary", type=Path, metavar="CAMPAIGN.yaml", help="values that vary, besides the seed")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows and reports (out/campaign)")
     parser.add_argument(
-        "--record", action="store_true", help="record each run in the folder, for heat maps: fame view DIR"
+        "--record",
+        action="store_true",
+        help="record each run in the folder: for heat maps (fame view DIR), and a page of each failure",
     )
     parser.add_argument("--resume", type=Path, metavar="DIR", help="continue the campaign of a folder")
     parser.add_argument("--seed", type=natural, default=1, metavar="N", help="seed of the first run (1)")
@@ -91,7 +94,8 @@ def run(arguments: Namespace) -> int:
     if not rows:
         print(_goes_on(folder), file=sys.stderr)
         return 130
-    written = write_reports(rows, folder.path, campaign.scenario, parquet=arguments.parquet)
+    pages = _pages(rows, folder.path)
+    written = write_reports(rows, folder.path, campaign.scenario, parquet=arguments.parquet, pages=pages)
     found = summary(rows)
     if arguments.json:
         print_json({"status": "interrupted" if interrupted else "completed", **found, "files": list(map(str, written))})
@@ -109,6 +113,27 @@ def run(arguments: Namespace) -> int:
     if wide:
         note(f"fame: after all runs the interval is {high - low:.3f} wide: more than --width {arguments.width:g}")
     return 3 if wide or found["not_known"] else 0
+
+
+_MOST = 20
+"""Causes of failures whose run gets a page: those of most runs."""
+
+
+def _pages(rows: list[dict[str, Any]], folder: Path) -> dict[int, str]:
+    """Write a page of the shortest run of each cause of failures, if it was recorded. Returns their names, by run."""
+    from fame.scenario.campaign_report import causes
+
+    pages = {}
+    for run in (cause["run"] for cause in causes(rows)[:_MOST]):
+        recording = folder / f"run-{run}.mcap"
+        if recording.exists():
+            try:
+                load(WRITE_RECORDING)(recording.with_suffix(".html"), recording)
+            except FameError as error:  # of a run that crashed; or without the room
+                note(f"fame: no page of run {run}: {error}")
+            else:
+                pages[run] = f"{recording.stem}.html"
+    return pages
 
 
 def _goes_on(folder: Folder) -> str:

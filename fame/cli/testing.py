@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _EXAMPLES = (
     "fame test examples/tests",
     "fame test examples/tests -k vehicles --cov-model --cov-fail-under 100 --cov-html out/coverage.html",
+    "fame test --report out/report",
     "fame test --pytest=--pdb --pytest=--durations=5",
 )
 _EXIT = {0: 0, 2: 130, 4: 2, 5: 2}
@@ -50,6 +51,10 @@ def add(commands: Commands) -> None:
         "--pytest", action="append", default=[], metavar="OPTION", help="an option for pytest: --pytest=-v; repeatable"
     )
     parser.add_argument("--junitxml", type=Path, metavar="FILE", help="results of the tests as JUnit XML")
+    parser.add_argument(
+        "--report", type=Path, metavar="DIR",
+        help="write a folder to send: index.html, and for each mission that failed a page that shows its run",
+    )  # fmt: skip
     add_library(parser)
 
 
@@ -76,7 +81,7 @@ def run(arguments: Namespace) -> int:
         options += ["--rootdir", str(arguments.project.file.parent)]
         if not (arguments.leaf.given or arguments.cov_model):  # of a part of the tests, nothing is demanded
             arguments.cov_fail_under = arguments.project.coverage
-    for name, option in (("k", "-k"), ("junitxml", "--junitxml")):
+    for name, option in (("k", "-k"), ("junitxml", "--junitxml"), ("report", "--fame-report")):
         if getattr(arguments, name) is not None:
             options += [option, str(getattr(arguments, name))]
     if arguments.x:

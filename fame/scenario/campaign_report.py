@@ -203,8 +203,18 @@ def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
         yield f"{one['path']}: strength {one['success']:.2f} on success, {one['duration']:.2f} on duration"
 
 
-def write_reports(rows: Sequence[CampaignRow], folder: Path, scenario: str, *, parquet: bool = False) -> list[Path]:
-    """Write ``runs.csv`` (or ``runs.parquet``), ``summary.json``, ``index.html`` and its plots. Returns their paths."""
+def write_reports(
+    rows: Sequence[CampaignRow],
+    folder: Path,
+    scenario: str,
+    *,
+    parquet: bool = False,
+    pages: Mapping[int, str] | None = None,
+) -> list[Path]:
+    """Write ``runs.csv`` (or ``runs.parquet``), ``summary.json``, ``index.html`` and its plots. Returns their paths.
+
+    `pages`: addresses of pages that show runs, by their number.
+    """
     rows = sorted(rows, key=lambda row: row["run"])
     flat = [_flat(row) for row in rows]
     columns = list(dict.fromkeys(name for row in flat for name in row))
@@ -227,7 +237,7 @@ def write_reports(rows: Sequence[CampaignRow], folder: Path, scenario: str, *, p
     found = summary(rows)
     files = {
         "summary.json": json.dumps(found, indent=2) + "\n",
-        "index.html": html_report(rows, scenario),
+        "index.html": html_report(rows, scenario, pages),
         **{f"{name}.svg": plot for name, plot in _plots(found, rows).items()},
     }
     for name, text in files.items():
@@ -248,9 +258,9 @@ def _flat(row: CampaignRow) -> dict[str, Any]:
     }
 
 
-def html_report(rows: Sequence[CampaignRow], scenario: str) -> str:
+def html_report(rows: Sequence[CampaignRow], scenario: str, pages: Mapping[int, str] | None = None) -> str:
     """Return one page: the result, the distribution of durations, failures with the commands that
-    repeat them, parameters."""
+    repeat them and links to those of `pages` (by number of the run), parameters."""
     found = summary(rows)
     plots = _plots(found, rows)
     low, high = found["interval"]
@@ -278,7 +288,10 @@ def html_report(rows: Sequence[CampaignRow], scenario: str) -> str:
             body.append(_table(("run", "slack", "command"), (tuple(each.values()) for each in one["nearest"])))
     if found["causes"]:
         body.append("<h2>Failures by cause</h2>")
-        lines = ((c["count"], c["status"], c["cause"], c["seed"], c["command"]) for c in found["causes"])
+        lines = (
+            (c["count"], c["status"], c["cause"], _linked(c["seed"], (pages or {}).get(c["run"])), c["command"])
+            for c in found["causes"]
+        )
         body.append(_table(("runs", "status", "cause", "seed of the shortest", "command"), lines))
     if found["parameters"]:
         body += ["<h2>Influence of parameters</h2>", plots["parameters"]]
@@ -292,9 +305,18 @@ td:last-child{word-break:break-word}svg{display:block;margin:1em 0}"""
 _GREEN, _BLUE = "#1a7f37", "#0969da"
 
 
+class _Link(str):
+    """A cell that is markup."""
+
+
+def _linked(cell: Any, address: str | None) -> Any:
+    return cell if address is None else _Link(f'{cell} <a href="{escape(address)}">watch</a>')
+
+
 def _table(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
     cells = "".join(f"<th>{escape(head)}</th>" for head in heads)
-    rows = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in line) + "</tr>" for line in lines)
+    texts = ((cell if isinstance(cell, _Link) else escape(str(cell)) for cell in line) for line in lines)
+    rows = "".join("<tr>" + "".join(f"<td>{text}</td>" for text in line) + "</tr>" for line in texts)
     return f"<table><tr>{cells}</tr>{rows}</table>"
 
 

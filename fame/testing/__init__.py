@@ -17,6 +17,7 @@ The fixture ``mission`` loads a model or a scenario::
     manual_robots  the robots of such a mission
     expectations   expectations of a robot
     failure        the text and the files of a failed expectation
+    report_folder  the report of tests as a folder, with pages of what failed
     late_recording  the recording of a mission, written when it is wanted
     trace          the events of a mission by element
     elements       elements of a model by label or id

@@ -273,11 +273,11 @@ def html_report(coverage: Coverage) -> str:
                 kind = "covered" if tests else "excused" if element.id in one.excused else "missing"
                 body.append(f'<tr class="{kind}"><td>{escape(_shown(element))}</td><td>{what}</td></tr>')
             body.append("</table>")
-    head = f'<meta charset="utf-8"><title>Model coverage</title><style>{_STYLE}</style>'
+    head = f'<meta charset="utf-8"><title>Model coverage</title><style>{PAGE_STYLE}</style>'
     return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(body)}</body></html>\n"
 
 
-_STYLE = """body{font-family:Arial,Helvetica,sans-serif;margin:2em;color:#1f2328}.diagram{overflow-x:auto}
+PAGE_STYLE = """body{font-family:Arial,Helvetica,sans-serif;margin:2em;color:#1f2328}.diagram{overflow-x:auto}
 table{border-collapse:collapse}td,th{border:1px solid #d0d7de;padding:.2em .6em;text-align:left;vertical-align:top}
 .missing td{background:#ffebe9}.excused td{background:#eaeef2}.covered td{background:#e3f4e6}"""
 

@@ -26,12 +26,13 @@ _UNUSED = "stubs and fakes not used"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Declare the options of model coverage."""
+    """Declare the options of reports and of missions."""
     group = parser.getgroup("fame", "missions of FAME")
     group.addoption("--cov-model", action="store_true", help="report which elements and flows of models tests enter")
     group.addoption("--cov-model-fail-under", type=float, metavar="PERCENT", help="fail below this model coverage")
     for form, what in (("html", "a page with the diagrams"), ("json", "data"), ("junit", "JUnit XML")):
         group.addoption(f"--cov-model-{form}", type=Path, metavar="FILE", help=f"write model coverage as {what}")
+    group.addoption("--fame-report", type=Path, metavar="DIR", help="write a list of the tests, and pages of failures")
     for kind, what in (("library", "called processes"), ("types", ".msg, .srv and .action files")):
         text = f"folder with {what}, for all missions"
         group.addoption(f"--fame-{kind}", type=Path, action="append", default=[], metavar="DIR", help=text)
@@ -145,6 +146,10 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
             for loaded in loader.loaded:
                 lines = [*state_lines(loaded), *loaded.save()]
                 report.sections.append((f"mission {Path(loaded.scenario.file).name}", "\n".join(lines)))
+        if folder := item.config.getoption("fame_report"):
+            from fame.testing.report_folder import PAGE, write_pages
+
+            report.user_properties += [(PAGE, name) for name in write_pages(folder, item.nodeid, loader.loaded)]
     return report
 
 
@@ -199,6 +204,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
             terminalreporter.section(title)
         for test, text in dict.fromkeys(found):
             terminalreporter.line(f"{test}: {text}")
+    if folder := config.getoption("fame_report"):
+        from fame.testing.report_folder import write_index
+
+        terminalreporter.section("report")
+        terminalreporter.line(str(write_index(folder, terminalreporter.stats)))
     coverage = config.stash.get(_COVERAGE, None)
     if coverage is None:
         return

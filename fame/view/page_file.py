@@ -63,6 +63,12 @@ def write_page(
     write_file(path, page)
 
 
+def write_recording(path: Path, recording: Path) -> None:
+    """Write the page of a file with a recording, as `write_page` does. Raises ConfigError."""
+    with Replay(recording) as replay:
+        write_page(path, replay)
+
+
 def _thinner(content: PageContent, replay: Replay, counts: Counter[ContentEntry], size: float) -> Iterator[PageContent]:
     """Yield the content, thinned more and more, from where a sample of its blocks says that it may be small enough."""
     blocks, fits = range(len(replay.blocks)), False

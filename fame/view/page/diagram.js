@@ -2,7 +2,7 @@
 // processes.
 
 /** @import {App} from "./main.js" */
-import { arrange, h, s, icon, robotColour, show } from "./dom.js";
+import { arrange, h, s, icon, keep, kept, robotColour, show } from "./dom.js";
 import { Names, Pins } from "./names.js";
 import { Overview, countsIn, tokensIn } from "./overview.js";
 import { TAKE, after } from "./store.js";
@@ -148,7 +148,7 @@ export class Diagram {
     this.lit = new Set(); // flows that are taken at the instant shown
     this.shown = undefined; // that instant
     this.opening = false; // whether the part that is shown first has to be found
-    this.cuts = localStorage.getItem(LABELS) !== "off";
+    this.cuts = kept("localStorage", LABELS) !== "off";
     this.crumbs = h("nav", { cls: "crumbs", "aria-label": "Breadcrumb" });
     this.tools = this.toolbar();
     this.paper = s("svg", { cls: "paper", tabindex: 0, role: "img", "aria-label": "Diagram" });
@@ -192,7 +192,7 @@ export class Diagram {
   /** Cut names short where a shape has no room for them, or leave them out. */
   cutLabels(cuts) {
     this.cuts = cuts;
-    localStorage.setItem(LABELS, cuts ? "on" : "off");
+    keep("localStorage", LABELS, cuts ? "on" : "off");
     this.labels.setAttribute("aria-pressed", String(cuts));
     if (this.current === undefined) return;
     this.current.level = Infinity;

@@ -218,6 +218,29 @@ function renewNode(node, fresh) {
 }
 
 /**
+ * What the browser keeps under a name. Where it may keep nothing, as for a page in a sandbox, it has nothing.
+ *
+ * @param {"localStorage" | "sessionStorage"} where @param {string} name
+ * @returns {string | null}
+ */
+export function kept(where, name) {
+  try {
+    return window[where].getItem(name);
+  } catch {
+    return null;
+  }
+}
+
+/** @param {"localStorage" | "sessionStorage"} where @param {string} name @param {string} value */
+export function keep(where, name, value) {
+  try {
+    window[where].setItem(name, value);
+  } catch {
+    /* it is not kept */
+  }
+}
+
+/**
  * What an error says.
  *
  * @param {unknown} error

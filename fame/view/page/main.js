@@ -4,7 +4,7 @@
  * @import {Finding, Mission} from "./types.js"
  * @import {State} from "./store.js"
  */
-import { byId, clock, colourRobots, h, icon, show, messageOf } from "./dom.js";
+import { byId, clock, colourRobots, h, icon, keep, kept, show, messageOf } from "./dom.js";
 import { Acts } from "./acts.js";
 import { Change } from "./change.js";
 import { Control } from "./control.js";
@@ -503,7 +503,7 @@ export class App {
       button("moon", "Light or dark", () => this.theme()),
       button("help", "Keyboard and legend (?)", () => this.help()),
     );
-    const saved = localStorage.getItem("fame-theme");
+    const saved = kept("localStorage", "fame-theme");
     this.setTheme(saved ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
   }
 
@@ -514,7 +514,7 @@ export class App {
 
   theme() {
     const theme = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
-    localStorage.setItem("fame-theme", theme);
+    keep("localStorage", "fame-theme", theme);
     this.setTheme(theme);
   }
 

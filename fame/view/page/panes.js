@@ -2,7 +2,7 @@
 // whole page.
 
 /** @import {App} from "./main.js" */
-import { byId, h, icon } from "./dom.js";
+import { byId, h, icon, keep, kept } from "./dom.js";
 
 const SPLITS = [
   ["side", "work", false, "Width of the panes on the right"],
@@ -18,7 +18,7 @@ export class Panes {
   constructor(app) {
     this.app = app;
     // % of what is after a splitter, by its name and the tab
-    this.sizes = JSON.parse(localStorage.getItem(KEPT) ?? "{}");
+    this.sizes = JSON.parse(kept("localStorage", KEPT) ?? "{}");
     this.splitters = SPLITS.map((split) => this.splitter(...split));
     byId("work").append(...this.splitters.slice(0, 2));
     byId("work").after(h("section", { cls: "between", "aria-label": "Splitter" }, this.splitters[2]));
@@ -97,7 +97,7 @@ export class Panes {
     this.sizes[name] = wanted < LEAST ? 0 : wanted > 100 - LEAST ? 100 : wanted;
     this.apply(name, this.sizes[name]);
     splitter.setAttribute("aria-valuenow", Math.round(this.sizes[name]));
-    localStorage.setItem(KEPT, JSON.stringify(this.sizes));
+    keep("localStorage", KEPT, JSON.stringify(this.sizes));
   }
 
   apply(name, size) {

@@ -5,6 +5,7 @@ const SILENCE = 5000; // ms without a message, of which one comes each second, a
 /** The server of `fame view`. */
 class Server {
   base = new URL(".", location.href);
+  tab = "team"; // that is shown first
 
   async fetch(path) {
     const answer = await fetch(new URL(path, this.base));
@@ -43,6 +44,8 @@ class Server {
 
 /** This file (`page_file.py`): each part is JSON, compressed, in a script element that is never run. */
 class File {
+  tab = "diagram";
+
   async fetch(path) {
     const text = await unpacked(await partOf(path));
     return Object.assign(JSON.parse(text), { size: text.length });

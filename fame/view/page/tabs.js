@@ -3,7 +3,8 @@
 
 /** @import {App} from "./main.js" */
 /** @import {Picture} from "./dom.js" */
-import { h, icon } from "./dom.js";
+import { h, icon, keep, kept } from "./dom.js";
+import { source } from "./source.js";
 
 /** @type {[name: string, text: string, picture: Picture][]} */
 const TABS = [
@@ -36,12 +37,12 @@ export class Tabs {
     );
     root.append(...this.buttons.values());
     WIDE.addEventListener("change", () => this.changed());
-    this.choose(sessionStorage.getItem("fame-tab") ?? "team", false);
+    this.choose(kept("sessionStorage", "fame-tab") ?? source.tab, false);
   }
 
-  choose(name, keep = true) {
+  choose(name, stays = true) {
     this.name = name;
-    if (keep) sessionStorage.setItem("fame-tab", name);
+    if (stays) keep("sessionStorage", "fame-tab", name);
     this.changed();
   }
 
