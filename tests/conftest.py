@@ -18,7 +18,7 @@ import pytest
 from domains import DOMAIN
 from started import end_processes, mark
 
-from fame.gc_tuning import MemoryGrowth, exempt, readmit, uncollected
+from fame.gc_tuning import uncollected
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -26,7 +26,21 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parent.parent
 LEARNS = re.compile(rb"fame\.monitor|skops|sklearn|monitor_runs|own_data|fuzz")
 """What is named in files of tests that load scikit-learn."""
+
+
+class MemoryGrowth:
+    """Collects all garbage if the memory of this process has grown by a quarter since it last did."""
+
+    above = 0.0
+
+    def collect(self) -> None:
+        if sys.getallocatedblocks() > self.above:
+            gc.collect()
+            self.above = 1.25 * sys.getallocatedblocks()
+
+
 MEMORY = MemoryGrowth()
+
 
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # hundreds of processes would compile FAME, each for itself
     sys.dont_write_bytecode = False
@@ -53,14 +67,14 @@ def pytest_collection() -> Generator[None, object, object]:
 def pytest_runtest_setup() -> None:
     """Collect what the test before left; the rest is looked through, which takes a second, when there is much more."""
     gc.collect(1)
-    readmit()
+    gc.unfreeze()
     MEMORY.collect()
-    exempt()
+    gc.freeze()
 
 
 def pytest_sessionfinish() -> None:
     """Let the last collection of pytest find whatever was never closed."""
-    readmit()
+    gc.unfreeze()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,7 +1,6 @@
 """What changes the collector of garbage does so for its block only."""
 
 import gc
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,9 +9,8 @@ from bpmn_text import process
 from recorded_runs import record
 
 import fame
-from fame.bpmn import read_text
 from fame.deploy import loading
-from fame.gc_tuning import MemoryGrowth, exempt, former_exempt, rarely_collected, readmit, uncollected
+from fame.gc_tuning import uncollected
 
 
 @pytest.fixture(autouse=True)
@@ -24,44 +22,11 @@ def _frozen_again() -> Iterator[None]:
         gc.freeze()
 
 
-def test_a_block_is_rarely_collected() -> None:
-    before = gc.get_threshold()
-    with rarely_collected(100_000):
-        assert gc.get_threshold()[0] == 100_000
-    assert gc.get_threshold() == before
-
-
 def test_a_block_is_not_collected_and_what_stays_is_exempt() -> None:
     with uncollected(stays=True):
         assert not gc.isenabled()
     assert gc.isenabled()
     assert gc.get_freeze_count() > 0
-
-
-def test_what_is_there_before_a_block_is_exempt_until_its_end() -> None:
-    with former_exempt():
-        assert gc.get_freeze_count() > 0
-    assert gc.get_freeze_count() == 0
-
-
-def test_what_is_there_is_exempt_until_it_is_readmitted() -> None:
-    exempt()
-    assert gc.get_freeze_count() > 0
-    readmit()
-    assert gc.get_freeze_count() == 0
-
-
-def test_garbage_is_collected_again_only_when_memory_has_grown(monkeypatch: pytest.MonkeyPatch) -> None:
-    collected = list[int]()
-    monkeypatch.setattr(gc, "collect", lambda *_: collected.append(1))
-    growth = MemoryGrowth()
-    growth.collect()
-    growth.collect()
-    assert len(collected) == 1
-    twice = 2 * sys.getallocatedblocks()
-    monkeypatch.setattr(sys, "getallocatedblocks", lambda: twice)
-    growth.collect()
-    assert len(collected) == 2
 
 
 MISSION = process('<startEvent id="s"/><endEvent id="e"/><sequenceFlow id="f" sourceRef="s" targetRef="e"/>')
@@ -74,21 +39,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (made / "a.bpmn").write_text(MISSION)
     record(fame.Scenario.load("examples/delivery.yaml"), made / "run.mcap")
     return made
-
-
-def a_run(folder: Path) -> None:
-    fame.Scenario.load(folder / "a.bpmn").run()
-
-
-def an_exploration(folder: Path) -> None:
-    fame.explore(read_text(MISSION))
-
-
-def a_mission_of_a_test(folder: Path) -> None:
-    from fame.testing.mission import collected_at_end
-
-    with collected_at_end():
-        pass
 
 
 def forked_processes(folder: Path) -> None:
@@ -112,9 +62,6 @@ def a_page_of_a_recording(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("what", "change"),
     [
-        (a_run, "set_threshold"),
-        (an_exploration, "set_threshold"),
-        (a_mission_of_a_test, "set_threshold"),
         (forked_processes, "freeze"),
         (an_engine_that_starts, "disable"),
         (a_page_of_a_recording, "freeze"),

@@ -1,8 +1,6 @@
 """Tests of missions do once, or not at all, what would make each of them slow: imports, recordings, collections."""
 
-import gc
 import os
-import weakref
 from pathlib import Path
 
 import pytest
@@ -11,7 +9,6 @@ from fame.bpmn.library import Library
 from fame.bpmn.reader import read
 from fame.middleware import messages
 from fame.testing import MissionLoader, late_recording
-from fame.testing.mission import collected_at_end
 
 pytest_plugins = ["pytester"]
 VEHICLES = Path(__file__).parent.parent / "models" / "ground_vehicles.bpmn"
@@ -43,17 +40,6 @@ def test_a_recording_is_the_same_in_one_piece_and_in_many(
     monkeypatch.setattr(late_recording, "MOST", 3)
     assert played(mission) == whole
     assert len(whole) > 1000
-
-
-def test_garbage_is_collected_when_the_mission_ends_and_then_as_before(mission: MissionLoader) -> None:
-    gc.set_threshold(90_000, 10, 10)
-    with collected_at_end():
-        node = weakref.ref(mission.load(VEHICLES).advance(1).node("REX"))
-        assert gc.get_threshold()[0] == 100_000
-        mission.close()
-        mission.loaded.clear()
-    assert gc.get_threshold() == (90_000, 10, 10)
-    assert node() is None
 
 
 @pytest.mark.long

@@ -6,6 +6,7 @@ each has a copy of them in memory. Nothing may have been started before `fork_ea
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -13,7 +14,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
-from fame.gc_tuning import exempt
 from fame.scenario.process import forked, orphaned, signals_call
 
 _LOOK = 0.2
@@ -22,7 +22,7 @@ _LOOK = 0.2
 
 def fork_each(names: Sequence[str]) -> tuple[str, dict[int, str]]:
     """Make a process for each name. Return its name in each of them, and in this one "" and the name by process id."""
-    exempt()
+    gc.freeze()  # a collection would write to what is there, and memory that processes share would be copied
     sys.stdout.flush()
     sys.stderr.flush()
     parent, children = os.getpid(), dict[int, str]()

@@ -16,7 +16,6 @@ from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.engine import Instance
 from fame.errors import ConfigError, MissionError
-from fame.gc_tuning import MemoryGrowth, former_exempt, rarely_collected
 from fame.middleware import messages, qos
 from fame.middleware.interface import Publisher
 from fame.middleware.local import LocalMiddleware, LocalNode
@@ -41,9 +40,6 @@ if TYPE_CHECKING:
 
 _SLICE = 1.0  # simulated s between two progress reports at most
 _PROGRESS = 0.1  # wall s between two progress reports
-_YOUNG = 100_000
-"""New objects after which garbage is collected: more than all messages in flight at an instant."""
-_memory = MemoryGrowth()
 
 
 class Pace(Protocol):
@@ -241,7 +237,7 @@ class Run:
     def result(self) -> Result:
         """Run until the mission is over, stop everything safely, and return the result."""
         begun = time.monotonic()
-        with self._seeded, self._interruptible(), heartbeat(), seldom_collected():
+        with self._seeded, self._interruptible(), heartbeat():
             try:
                 self._work(begun)
             except BaseException:
@@ -427,18 +423,6 @@ class Run:
                 if node.name not in self.dead:
                     node.stop(observed=False)
         self.close()
-
-
-@contextmanager
-def seldom_collected() -> Iterator[None]:
-    """Exempt existing objects from garbage collection and collect rarely; restore the former settings afterwards.
-
-    Exempt objects never become due for collection. Worlds and engines of former runs, which refer to each other, are
-    therefore collected here, as soon as memory has grown: that of many runs in one process stays flat.
-    """
-    _memory.collect()
-    with former_exempt(), rarely_collected(_YOUNG):
-        yield
 
 
 def _watches_properties(plan: Plan) -> bool:

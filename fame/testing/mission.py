@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,6 @@ from fame.dataclasses import dataclass, replace
 from fame.engine.state import scopes_of
 from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError, FameError
-from fame.gc_tuning import rarely_collected
 from fame.log.recorder import About, Recorder, recording_to
 from fame.middleware import messages
 from fame.middleware.interface import resolve
@@ -49,8 +48,6 @@ if TYPE_CHECKING:
 
 WITHIN = 600.0
 """Default time limit of `run_until` (simulated s)."""
-_YOUNG = 100_000
-"""Objects that are made before garbage is collected during a mission; a mission without a world makes fewer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -534,20 +531,6 @@ class MissionUnderTest:
         for name in ("_recorder", "_outside"):
             self.__dict__.pop(name, None)
         self.fakes = Fakes(self)
-
-
-@contextmanager
-def collected_at_end() -> Iterator[None]:
-    """Collect garbage at the end of the block, and rarely before: all that the block leaves is then young.
-
-    A robot and its engine refer to each other, so that missions are garbage when they are closed. If they grew old, the
-    collection of a dozen missions would take place in the middle of any test, which would seem to be slow.
-    """
-    try:
-        with rarely_collected(_YOUNG):
-            yield
-    finally:
-        gc.collect(0)
 
 
 class MissionLoader:

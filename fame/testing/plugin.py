@@ -78,23 +78,22 @@ def _has_mission(item: pytest.Item) -> bool:
 @pytest.fixture
 def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MissionLoader]:
     """Load missions and drive them in simulated time: ``m = mission.load("patrol.yaml")``."""
-    from fame.testing.mission import MissionLoader, collected_at_end
+    from fame.testing.mission import MissionLoader
 
     search = (request.path.parent, request.config.rootpath)
     library = request.config.getoption("fame_library")
     loader = MissionLoader(_folder(tmp_path_factory, request.node.name), search, library)
     request.node.stash[_LOADER] = loader
-    with collected_at_end():
-        yield loader
-        coverage = request.config.stash.get(_COVERAGE, None)
-        if coverage is not None:
-            for loaded in loader.loaded:
-                coverage.add(loaded, request.node.nodeid)
-            for mark in request.node.iter_markers("requirement"):
-                coverage.requirements[str(mark.args[0])][request.node.nodeid] = None
-        request.node.user_properties += [(_LEFT_OUT, text) for text in map(_left_out, loader.loaded) if text]
-        del request.node.stash[_LOADER]
-        loader.close()
+    yield loader
+    coverage = request.config.stash.get(_COVERAGE, None)
+    if coverage is not None:
+        for loaded in loader.loaded:
+            coverage.add(loaded, request.node.nodeid)
+        for mark in request.node.iter_markers("requirement"):
+            coverage.requirements[str(mark.args[0])][request.node.nodeid] = None
+    request.node.user_properties += [(_LEFT_OUT, text) for text in map(_left_out, loader.loaded) if text]
+    del request.node.stash[_LOADER]
+    loader.close()
 
 
 def _left_out(mission: MissionUnderTest) -> str:

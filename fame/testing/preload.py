@@ -10,14 +10,13 @@ import gc
 
 
 def preload() -> None:
-    """Import what missions without a world use, and exempt all that exists from garbage collection."""
+    """Import what missions without a world use, and look for no garbage in all that exists from now on."""
     import numpy  # noqa: F401 (arrays in messages)
     import yaml  # noqa: F401 (scenarios, payloads)
 
     import fame.testing.mission  # noqa: F401
-    from fame.gc_tuning import exempt
     from fame.middleware import typesystem
 
     typesystem.names()
     gc.collect()
-    exempt()
+    gc.freeze()

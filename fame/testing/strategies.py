@@ -23,7 +23,7 @@ from fame.middleware import messages
 from fame.middleware.network import Delay, Link, NetworkConfig, Partition
 from fame.scenario import Fault
 from fame.scenario.variation import Distribution, free_places
-from fame.testing.mission import MissionLoader, MissionUnderTest, collected_at_end
+from fame.testing.mission import MissionLoader, MissionUnderTest
 
 __all__ = ["faults", "load", "networks", "payloads", "places"]
 
@@ -40,16 +40,15 @@ def load(path: str | Path, **options: Any) -> Iterator[MissionUnderTest]:
     test = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" (")[0]
     name = "".join(sign if sign.isalnum() else "_" for sign in test.rpartition("::")[2])[:60]
     loader = MissionLoader(lambda: Path(tempfile.gettempdir()) / f"fame-case-{os.getpid()}-{name}")
-    with collected_at_end():
-        try:
-            yield (mission := loader.load(path, **options))
-            mission.check_properties()
-        except BaseException:
-            played = test and any(mission.is_played for mission in loader.loaded)
-            note(f"repeat it with: {shlex.join(['fame', 'test', test]) if played else command(path, **options)}")
-            raise
-        finally:
-            loader.close()
+    try:
+        yield (mission := loader.load(path, **options))
+        mission.check_properties()
+    except BaseException:
+        played = test and any(mission.is_played for mission in loader.loaded)
+        note(f"repeat it with: {shlex.join(['fame', 'test', test]) if played else command(path, **options)}")
+        raise
+    finally:
+        loader.close()
 
 
 def command(path: str | Path, **options: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -17,7 +18,6 @@ from fame.clock import SECOND
 from fame.closing import Closing
 from fame.errors import ConfigError, FameError, ModelError
 from fame.fast_json import json_value
-from fame.gc_tuning import exempt, readmit
 from fame.log import Recording
 from fame.log.channels import CLOCKS, EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.recording import RecordedMessage, team_order
@@ -94,7 +94,7 @@ class Replay(Closing):
         self._thread.join()
         with self._ahead_lock:
             self._opened.close()
-        readmit()
+        gc.unfreeze()
 
     def wait(self) -> None:
         """Wait until everything is read."""
@@ -174,7 +174,7 @@ class Replay(Closing):
                 else:
                     self._message(message)
                 if number % 256 == 0:
-                    exempt()  # blocks have no cycles: looking through millions of values would delay all answers
+                    gc.freeze()  # blocks have no cycles: looking through millions of values would delay all answers
                     with self._lock:
                         self._done = max(0, len(packer.blocks) - 1)
                         self._reading = (message.time - recording.start) / length

@@ -35,7 +35,6 @@ from fame.dataclasses import dataclass, field, replace
 from fame.engine import Program
 from fame.engine.encoding import Data
 from fame.errors import ModelError, expect
-from fame.gc_tuning import rarely_collected
 from fame.properties import Location, Property, compile, parse, vocabulary_of
 from fame.rooms import WATCH
 
@@ -47,8 +46,6 @@ SEARCHING = 0.7
 """Share of the time after which a search ends, so that some is left for samples."""
 OF_WHOLE_MISSIONS: tuple[FindingKind, ...] = ("always-lost", "outside", "unneeded", "unstarted", "unreachable")
 """Kinds of findings that mean nothing if a mission is explored from its middle."""
-_YOUNG = 50_000
-"""New objects after which garbage is collected: states stay, and engines are freed without it."""
 _NAMES_ITSELF = re.compile(r"\brobot\b(?!\s*\.\s*(?:publish|subscribe|latest|call|act|now|date)\b)")
 """Texts by which a robot may know its own name."""
 
@@ -562,8 +559,7 @@ def _explored(team: Team, begun: float) -> Exploration:
             unknown = tuple(Judged(one.name, one.sentence, "not known", why) for one in request.properties)
             searches.append(Searched(delivery, 0, 0, 0.0, (why,), bound=True, judged=unknown))
             continue
-        with rarely_collected(_YOUNG):
-            searched, found = team.search(delivery, left, stop)
+        searched, found = team.search(delivery, left, stop)
         searches.append(searched)
         left -= searched.states
         for other in [key for key, one in findings.items() if one.kind == "unreachable"]:
