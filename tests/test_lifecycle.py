@@ -50,7 +50,7 @@ class Managed(Field):
         """The robot's report on a request of Ann."""
         heard: list = []
         client = TaskClient(
-            robot, TaskRequest(id=act, element="", act=act, who="ann"),
+            robot, TaskRequest(id=f"{act} at {self.scheduler.now}", element="", act=act, who="ann"),
             node=self.person, scheduler=self.scheduler, answered=heard.append,
         )  # fmt: skip
         self.pass_time(1)
