@@ -198,6 +198,8 @@ class Witness:
 
     def watch(self, engine: EngineNode) -> None:
         """Compare what this process resumes."""
+        if not self.clocks_are_right:  # a clock set forward is as a longer outage: what was under way is due earlier
+            self._begun.clear()
         keeper = engine._keeper
         if keeper is None:
             return
