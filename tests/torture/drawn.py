@@ -340,6 +340,9 @@ def _explored(seed: int) -> Mission:
         ]
 
     converted = {names.get(name, name): _quiet([convert(step) for step in steps], 0) for name, steps in made.items()}
+    if starts := {name for name, steps in converted.items() if steps and steps[0][0] == "start"}:
+        loud = starts.union(more["calls"])
+        converted = {name: _quiet(steps) if name in loud else steps for name, steps in converted.items()}
     calls = {name: steps for name, steps in converted.items() if name in more["calls"]}
     return {
         "robots": {name: steps for name, steps in converted.items() if name not in calls},
@@ -437,7 +440,10 @@ class _Drawing:
 
 
 def _quiet(steps: Sequence[Step], handlers: int = 1) -> list[Step]:
-    """The same, but what handlers beside others do throws nothing, which could start more of them each time."""
+    """The same, but what handlers beside others do throws nothing, which could start more of them each time.
+
+    Nor does what a signal starts: `handlers` is 1 for all of a process.
+    """
     found = []
     for kind, number, *rest in steps:
         if handlers and kind in ("throw", "send", "tell"):

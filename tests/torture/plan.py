@@ -102,8 +102,11 @@ KEPT = sorted((Path(__file__).parent / "found").glob("*.json"))
 """Plans that failed once."""
 
 
-def draw(seed: int) -> Plan:
-    """The plan of a seed; one in ten varies a plan that failed once: where one fault was, others are near."""
+def draw(seed: int, *, fixed: bool = False) -> Plan:
+    """The plan of a seed; one in ten varies a plan that failed once: where one fault was, others are near.
+
+    Every second one has a mission that is drawn, too, unless missions are `fixed`.
+    """
     if (varies := random.Random(f"kept {seed}")).random() < 0.1:
         return _varied(Plan.from_json(varies.choice(KEPT).read_text()), seed, varies)
     chance = random.Random(f"plan {seed}")
@@ -143,7 +146,7 @@ def draw(seed: int) -> Plan:
     sooner = [replace(step, time=_rounded(step.time * max(heal / LONG, 0.4))) for step in steps]
     plan = Plan(seed, _sorted(step for step in sooner if step.time < heal), heal)
     missions = random.Random(f"drawn {seed}")
-    return _with_mission(plan, drawn.draw(seed), missions) if missions.random() < 0.5 else plan
+    return _with_mission(plan, drawn.draw(seed), missions) if not fixed and missions.random() < 0.5 else plan
 
 
 def _added(chance: random.Random, moments: list[tuple[float, str]], begun: float, *, durable: bool) -> list[Step]:
