@@ -303,10 +303,10 @@ def draw(seed: int) -> Mission:
 
 
 def _editable(steps: Sequence[Step], first: int = 0) -> Iterator[Step]:
-    """All steps but those that begin a branch of a race."""
+    """All steps but those that begin a branch of a race, and those that have a limit, which a person would pass."""
     yield from steps[first:]
     for kind, _, *rest in steps:
-        for part in rest:
+        for part in rest if kind != "limit" else ():
             yield from _editable(part, int(kind == "race")) if _is_steps(part) else ()
 
 

@@ -78,7 +78,8 @@ def _concluded(team: Team, found: list[str]) -> list[str]:
             if robot.engine is not None and robot.engine.state == "holding":
                 team.note(f"{robot.name} holds: a person aborts")
                 team.abort(robot)
-                team.pass_time(10)
+                for _ in range(10):
+                    team.pass_time(1)
         if team.plan.seed % 2 and robot.engine is not None and robot.engine.state == "holding":
             found.append(f"{robot.name} holds although a person has aborted")
     sender = None
@@ -140,8 +141,13 @@ def told(team: Team) -> Iterator[str]:
 
 
 def heard(team: Team) -> Iterator[str]:
-    """What a robot has heard of another is in order, without a gap, and none of it twice."""
+    """What a robot has heard of another is in order, without a gap, and none of it twice.
+
+    A person who skips what hears, or moves a token behind it, keeps what was heard last once more.
+    """
     for name, instance in _instances(team):
+        if team.robots[name].witness.changed:
+            continue
         for other, counts in dict(instance.variables.get("kept", {})).items():
             for version in {count // 1000 for count in counts}:
                 found = [count % 1000 for count in counts if count // 1000 == version]
@@ -171,11 +177,13 @@ def unlike_reference(team: Team) -> Iterator[str]:
     (version,), (first,) = running, begun
     if edits_of(mission, first) != edits_of(mission, version):
         return
+    if any(robot.engine is None or robot.engine.state == "holding" for robot in robots):
+        return  # others wait for it
     team.struck["missions compared with a reference"] += 1
     should = reference(team.text(first))
     for robot in robots:
         assert robot.engine is not None
-        if robot.engine.running is not None and robot.engine.state != "holding":
+        if robot.engine.running is not None:
             for text in differences(should[robot.name], outcome_of(robot.engine.running)):
                 yield f"{robot.name} is not what it is without faults: {text}"
 

@@ -149,7 +149,7 @@ class Witness:
         node = engine.running if engine is not None else None
         if node is None or process is None or process.stopped or node.holds or (engine and engine.resuming):
             self._busy_at = now
-        if node is not None and engine is not None:
+        if node is not None and engine is not None and process is not None and not process.stopped:
             if node.engine.incidents and not node.holds and not node.leaving:
                 self.wrong(f"does not hold, with an incident at {[one.node.id for one in node.engine.incidents]}")
             if node.holds - {"deployment"} and engine.state == "running":
