@@ -191,6 +191,20 @@ def test_a_failure_that_nothing_catches_is_an_incident(tmp_path: Path) -> None:
     field.engine.close()
 
 
+def test_what_a_person_no_longer_suspends_comes_back_with_its_incident_alone(tmp_path: Path) -> None:
+    field = Durable(tmp_path / "state", hold_errors=True)
+    field.deploy(DRIVE.replace('errorCode="taken_over"', 'errorCode="other"'))
+    ask(field, "suspend")
+    ask(field, "fail", "go")
+    ask(field, "suspend")
+    assert ask(field, "continue").answer == "no longer suspended"
+    field.crash()
+    field.start()
+    field.pass_time(3)
+    assert (field.said[-1].state, field.said[-1].suspended) == ("incident", {})
+    field.engine.close()
+
+
 def test_a_mission_that_is_migrated_meanwhile_stays_suspended_and_a_new_deployment_starts_its_own(
     field: Durable,
 ) -> None:

@@ -87,6 +87,7 @@ class Suspension:
         self._check_continues(who, lease)
         self._end(f"continued by {who}")
         self._node.release(SUSPENDED)
+        self._node.engine.run()  # the record of it, also if something else holds the robot
 
     def other_holds(self) -> str:
         """Return what else holds the robot, and what ends that; empty if nothing does."""

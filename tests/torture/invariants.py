@@ -143,12 +143,15 @@ def told(team: Team) -> Iterator[str]:
 def heard(team: Team) -> Iterator[str]:
     """What a robot has heard of another is in order, without a gap, and none of it twice.
 
-    A person who skips what hears, or moves a token behind it, keeps what was heard last once more.
+    A person who skips what hears, or moves a token behind it, keeps what was heard last once more; who moves one before
+    what tells has it told again.
     """
     for name, instance in _instances(team):
         if team.robots[name].witness.changed:
             continue
         for other, counts in dict(instance.variables.get("kept", {})).items():
+            if team.robots[other].witness.changed:
+                continue
             for version in {count // 1000 for count in counts}:
                 found = [count % 1000 for count in counts if count // 1000 == version]
                 if found != list(range(found[0], found[0] + len(found))):

@@ -46,7 +46,7 @@ def state_of(node: RobotNode) -> State:
     waiting += [entry for entry in engine.ready if entry[0] is not None]
     writer.found["engine"]["continuations"] = sorted(map(str, map(writer.write, waiting)))
     for instance in engine.instances.values():
-        writer.found[f"Instance {instance.key}"]["visits"] = dict(instance.visits)
+        writer.found[f"Instance {instance.key}"]["visits"] = _visits(node, instance)
     return {
         **writer.found,
         "incidents": sorted([one.node.id, *what] for one, what in engine.incidents.items()),
@@ -54,10 +54,16 @@ def state_of(node: RobotNode) -> State:
         "suspension": node.suspension.by,
         "cancelled": sorted(node.runner.cancelled.table()),
         "ended": {
-            f"{one.key}": [one.status, dict(one.visits), writer.write(one.variables), str(one.error or "")]
+            f"{one.key}": [one.status, _visits(node, one), writer.write(one.variables), str(one.error or "")]
             for one in [one for one in node.instances if one.status != "running"][-10:]
         },
     }
+
+
+def _visits(node: RobotNode, instance: Instance) -> dict[str, int]:
+    """How often each element was entered; of those alone that a migration has left: a record has no others."""
+    elements = set(node.engine.program.elements)
+    return {element: count for element, count in instance.visits.items() if element in elements}
 
 
 def timers_of(node: RobotNode) -> dict[int, int]:
