@@ -49,7 +49,7 @@ class _RunByHand(Run):
             plan.definitions, pools, plan.library, dict(shared), read=read, parameters=parameters,
             named=codes_named(plan.properties),
         )  # fmt: skip
-        self.mail = self.middleware.network = HeldNetwork(self.scheduler, self.abstract.shared)
+        self.mail = self.middleware.network = HeldNetwork(self.scheduler, self.abstract.facts.shared)
         nodes = {robot: self._node(robot, shared, strict, compiled=False) for robot in plan.cast}
         for node in nodes.values():
             node.host.timers.hold()
@@ -198,7 +198,7 @@ class MissionByHand(MissionUnderTest):
 
     def _fill_in(self, robot: str, element: str, values: Mapping[str, Any]) -> None:
         """Complete a task; what a person is asked for there and has not said is unknown."""
-        asked = self.by_hand.abstract.given.get(element, frozenset())
+        asked = self.by_hand.abstract.given.get(element, set())
         self.node(robot).complete(element, dict.fromkeys(asked, self._host(robot).values.unknown) | {**values})
 
     def _done(self, robot: str, expected: str, possible: bool) -> MissionByHand:
@@ -261,7 +261,7 @@ class MissionByHand(MissionUnderTest):
                 moved = True
             except FameError:  # it has ended meanwhile
                 continue
-        for topic in sorted(found.topics & self.by_hand.abstract.outside):
+        for topic in sorted(found.topics & self.by_hand.abstract.facts.outside):
             host.from_outside(topic)
             moved = True
         self.settle()

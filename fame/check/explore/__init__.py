@@ -4,6 +4,10 @@
 
     exploration     a team and its searches; the result
     abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
+    team_facts      what all processes of a team have in common
+    error_codes     with which services and called processes may fail
+    decisive        variables and payloads that decide something
+    element_variables  what elements use besides their texts
     slicing         statements of scripts that decide nothing
     counting        lists of which only the length is read
     aliases         variables that may hold the same list or mapping

@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
-from fame.bpmn.model import Expression
+from fame.bpmn.model import Expression, Process
+from fame.check.explore.element_variables import used_besides_texts
+from fame.check.expressions import expressions_in
 from fame.scripting.effects import effects_of
 from fame.scripting.python_effects import own_syntax_tree, syntax_tree
+
+
+def counted_lists(processes: Iterable[Process]) -> frozenset[str]:
+    """Return the variables with lists of which only the length is read, in all processes."""
+    counted, others = set[str](), set[str]()
+    for body in (body for process in processes for body in process.body.bodies()):
+        for use in expressions_in(body):
+            if use.expression.language == "python":
+                of_text, besides = list_uses(use.expression, script=use.use == "script")
+                counted |= of_text
+                others |= besides
+            else:
+                others |= use.reads | use.effects.sets
+        others |= {name for node in body.nodes for name in used_besides_texts(node, body)}
+    return frozenset(counted - others)
 
 
 @lru_cache(maxsize=1024)

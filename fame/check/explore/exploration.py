@@ -256,7 +256,7 @@ class Team:
         bodies = self.model.bodies(self.definitions, pool.process)
         texts = (use.expression.text for body in bodies for use in expressions_in(body))
         return any(_NAMES_ITSELF.search(text) for text in texts) or any(
-            use.addresses and use.catches for use in self.model.types.values()
+            use.addresses and use.catches for use in self.model.facts.types.values()
         )
 
     def groups(self) -> tuple[tuple[int, ...], ...]:
@@ -402,7 +402,7 @@ class Team:
             groups=self.groups() if request.reduced else (), stop=stop, given=self.given,
             required=() if self.given else self.required(), progress=request.progress,
             monitors=None if faults else self.monitors,
-            acknowledged=frozenset(name for name, use in self.model.types.items() if use.ttl),
+            acknowledged=frozenset(name for name, use in self.model.facts.types.items() if use.ttl),
         )  # fmt: skip
         product = Product(self.robots, self.locals, options)
         if request.reduced:

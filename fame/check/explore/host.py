@@ -110,7 +110,7 @@ class ExplorationHost:
         observed: Set[tuple[str, str]] = frozenset(),
     ) -> None:
         self.robot, self.values, self.robots, self.ordered, self.observed = robot, values, robots, ordered, observed
-        self.types, self.fields = model.types, field_names(model.types)
+        self.types, self.fields = model.facts.types, field_names(model.facts.types)
         self.steps: Mapping[str, AbstractStep] = model.steps
         self.matters: Set[str] = model.matters
         self.own_topics: frozenset[str] = frozenset()
@@ -123,7 +123,7 @@ class ExplorationHost:
         """Scripts whose failures may decide something: an error event catches them, or they are raised on purpose."""
         self.asks: Mapping[str, Set[str]] = model.asks
         """The codes with which scripts that wait fail, see `Abstraction`."""
-        self.codes: Collection[str] = model.codes
+        self.codes: Collection[str] = model.facts.codes
         """Error codes that somebody names."""
         self.computed: Mapping[tuple[str, str], Collection[str]] = model.computed
         """The computed codes of throwing events, see `Abstraction`."""
@@ -137,7 +137,7 @@ class ExplorationHost:
         self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
         self.memory: Memory = Memory({})
-        self.aliases: Aliases = model.aliases
+        self.aliases: Aliases = model.facts.aliases
         self._again: deque[int] = deque()
         """What was chosen before in the condition that is asked again."""
         self._blank: dict[str, int] = {}

@@ -16,7 +16,8 @@ from functools import lru_cache
 from types import MappingProxyType
 
 from fame.bpmn import model
-from fame.check.explore.abstraction import Abstraction, taken
+from fame.check.explore.abstraction import Abstraction
+from fame.check.explore.element_variables import taken
 from fame.check.explore.graph import reachable
 from fame.check.explore.remembering import key_of
 from fame.check.expressions import expressions_in
@@ -46,7 +47,7 @@ class Liveness:
         self._reads: dict[str, set[str]] = defaultdict(set)
         self._changes: dict[str, set[str]] = defaultdict(set)  # what is read only to change it
         self._sets: dict[str, set[str]] = {}
-        self._always: set[str] = {*abstract.read}
+        self._always: set[str] = {*abstract.facts.read}
         self._dead: dict[frozenset[str], Dead] = {}
         self._live_at: dict[str, Dead] = {}
         self.applies: bool = True

@@ -104,7 +104,7 @@ class Local:
         catches = [node.catch for node in self.program.nodes if node.catch is not None]
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
-        self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
+        self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.facts.outside))
         self.liveness: Liveness = Liveness(definitions, process, model, self.kept, self.host.remembered)
         self.states: States = States(self.program, self.host, self.outside, self.liveness)
         self.forms, self.views = self.states.forms, self.states.views

@@ -12,11 +12,14 @@ A script that defines functions, waits, or hands variables to unknown functions 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Set
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Set
 from dataclasses import replace
 from functools import lru_cache
 
-from fame.bpmn.model import Expression
+from fame.bpmn.model import Expression, Process
+from fame.check.explore.element_variables import used_besides_texts
+from fame.engine.data import variable_name
 from fame.scripting.effects import effects_of
 from fame.scripting.python_effects import (
     CHANGING_METHODS,
@@ -86,6 +89,36 @@ def _has_no_effect(call: ast.Call) -> bool:
 
 
 # ---- what is certainly unknown ---------------------------------------------------------------------------------------
+
+
+def unknown_variables(processes: Iterable[Process], sensed: Set[str], parameters: Set[str]) -> frozenset[str]:
+    """Return the variables that only hold what comes from outside of the team, or what is computed from it.
+
+    `sensed`: topics on which only something outside of the team sends. `parameters`: variables that have values at the
+    start. A variable that may hold anything else is not unknown, so that nothing that may be known is lost.
+    """
+    values = defaultdict[str, list[ast.expr | None]](list)  # None: a value that may be known
+    values |= {name: [None] for name in parameters}
+    sources = set[str]()
+    for body in (body for process in processes for body in process.body.bodies()):
+        for item in body.data_objects:
+            for name, value in item.values:
+                values[name] += [] if value.text in ("", f"${{{name}}}") else [None]
+        for node in body.nodes:
+            for name, assigned in assignments(node.script) if node.script is not None else ():
+                values[name].append(assigned)
+            of_sensors = {variable_name(topic.name) for topic, throws in node.topics()
+                          if not throws and topic.qualified in sensed and not topic.takes}  # fmt: skip
+            sources |= of_sensors
+            for name in used_besides_texts(node, body):
+                values[name] += [] if name in of_sensors else [None]
+    unknown = {name for name in sources if not values[name]}
+    while grown := {
+        name for name, all_values in values.items() if all_values and name not in unknown
+        and all(value is not None and unknown_part(value, unknown) is not None for value in all_values)
+    }:  # fmt: skip
+        unknown |= grown
+    return frozenset(unknown)
 
 
 def assignments(script: Expression) -> Iterator[tuple[str, ast.expr | None]]:
