@@ -16,7 +16,7 @@ from fame.cli import main
 from fame.monitor.model_card import card_of
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit
-from fame.monitor.pipeline.training_checks import drifting, outliers, unlike_durations, warnings_of
+from fame.monitor.pipeline.training_checks import drifting, memorised, outliers, unlike_durations, warnings_of
 
 RATE, RUNS = 50.0, 12
 CONFIG = Training(detector="phase", window=20, stride=5, false_alarms="0.1 per run")
@@ -95,6 +95,15 @@ def test_a_run_that_stands_still_from_the_middle_on_is_refused():
     runs = [run(seed) for seed in range(RUNS)]
     runs[7].values[150:] = runs[7].values[150]
     assert list(outliers(fit(runs, CONFIG))) == [7]
+
+
+@pytest.mark.parametrize("detector", ["knn", "any of phase, knn", "sklearn.neighbors.LocalOutlierFactor"])
+def test_that_stored_windows_are_like_themselves_says_nothing_of_other_runs(detector: str):
+    own = {"parameters": {"novelty": True}} if "." in detector else {}
+    runs = [run(seed, gain=3.0 if seed == 4 else 1.0) for seed in range(RUNS)]
+    model = fit([runs[number] for number in range(RUNS) if number != 4], replace(CONFIG, detector=detector, **own))
+    assert (memorised(model), outliers(model)) == ("", {})
+    assert 4 in outliers(fit(runs, replace(CONFIG, detector=detector, **own)))
 
 
 @pytest.mark.parametrize("detector", ["mahalanobis", "pca"])

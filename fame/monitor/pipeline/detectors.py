@@ -467,6 +467,11 @@ def fit_detector(name: str, windows: Floats, settings: Training, times: Floats |
     return detector
 
 
+def keeps_windows(detector: FittedDetector) -> bool:
+    """Return whether a detector, or one of several, keeps windows of the training, as an estimator of others may."""
+    return any(isinstance(part, Nearest | EstimatorDetector) for part in getattr(detector, "parts", (detector,)))
+
+
 def detector_name(detector: FittedDetector) -> str:
     """Return the name that `fit_detector` takes."""
     if isinstance(detector, Several):

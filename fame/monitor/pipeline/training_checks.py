@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FAR, FEWEST, Calibration, calibrate, calibrate_runs
 from fame.monitor.data_files import LabelledRun
+from fame.monitor.pipeline.detectors import keeps_windows
 from fame.monitor.pipeline.phases import Phases
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -109,12 +110,19 @@ def memorised(model: TrainedModel) -> str:
     """Say so if most runs, left out, have losses far above those of the training: the detector knows its own runs."""
     if model.calibration is None:
         return ""
-    times = (model.calibration.scores / _least(np.array(model.metrics["training_max"]))).max(axis=1)
+    times = (model.calibration.scores / _in_training(model)).max(axis=1)
     above = times[times > OUTLIER]
     if 2 * len(above) <= len(times):
         return ""
     found = f"in {len(above)} of {len(times)} runs the left-out loss is {np.median(above):.0f} times that in training"
     return f"{found}: the detector has learned its own runs by heart"
+
+
+def _in_training(model: TrainedModel) -> Floats:
+    """Return the largest losses of the training (channels,). They are no evidence, and infinite, of a detector that
+    keeps windows: each of these has no distance to itself."""
+    largest = _least(np.array(model.metrics["training_max"]))
+    return np.full_like(largest, np.inf) if keeps_windows(model.detector) else np.asarray(largest)
 
 
 def _least(loss: Any) -> Any:
@@ -146,7 +154,7 @@ def _far_losses(model: TrainedModel) -> list[tuple[int, str]]:
     lone = model.conditions.get("lone", np.zeros(scores.shape, dtype=bool))
     for index, row in enumerate(scores):
         others = np.delete(scores, index, axis=0)
-        usual = np.minimum(np.median(others, axis=0), _least(np.array(model.metrics["training_max"])))
+        usual = np.minimum(np.median(others, axis=0), _in_training(model))
         limit = np.where(lone[index], LONE, OUTLIER)
         if isinstance(model.detector, Phases):
             limit = np.clip(np.exp(SPREAD * _deviation(np.log(others))), CLOSE, OUTLIER)
