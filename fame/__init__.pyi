@@ -1,7 +1,7 @@
 from fame.bpmn.model import Definitions as Definitions
 from fame.bpmn.reader import read as read, write as write
 from fame.bpmn.split import split as split
-from fame.check.explore.exploration import Exploration as Exploration
+from fame.check.explore.result import Exploration as Exploration
 from fame.check.scope import Finding as Finding
 from fame.engine.host import BpmnError as BpmnError
 from fame.errors import (

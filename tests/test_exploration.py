@@ -391,7 +391,7 @@ def test_a_single_fault_that_leaves_another_robot_waiting() -> None:
 def test_faults_without_a_number_of_their_own_are_left_out_and_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     steps = {"A": ["work", "throw go", "work"], "B": ["catch go", "work"]}
     told = [outcome for search in found(steps, delivery="run", faults=True).searches for outcome in search.faults]
-    for module in ("exploration", "faults", "product", "search"):
+    for module in ("deliveries", "faults", "product", "search"):
         monkeypatch.setattr(f"fame.check.explore.{module}.FAULTS", 3)
     result = found(steps, delivery="run", faults=True)
     assert (len(told), result.cuts, result.exhaustive) == (6, ("more than 2 single faults",), False)

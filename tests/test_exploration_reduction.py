@@ -6,11 +6,11 @@ from compare_explorations import verdicts
 
 import fame
 from fame.check.explore import Request, abstraction as abstracting
-from fame.check.explore.exploration import Team
 from fame.check.explore.liveness import Liveness
 from fame.check.explore.product import Options, Product
 from fame.check.explore.search import explore as search
 from fame.check.explore.stubborn import Outlook
+from fame.check.explore.team import Team
 from fame.check.explore.transitions import CUT
 from fame.scenario.explore.exploration import cast_of, explore
 

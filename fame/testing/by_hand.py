@@ -15,8 +15,8 @@ from typing import Any
 from fame.bpmn.pools import shared_topics
 from fame.check.explore.abstraction import Abstraction, abstraction
 from fame.check.explore.canonical import stimuli
-from fame.check.explore.exploration import codes_named
 from fame.check.explore.kinds import kinds_of
+from fame.check.explore.team import codes_named
 from fame.clock import SECOND
 from fame.errors import FameError
 from fame.properties.conditions import subjects

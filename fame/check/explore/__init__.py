@@ -2,7 +2,14 @@
 
 ::
 
-    exploration     a team and its searches; the result
+    exploration     the searches of a team, within one budget
+    request         what to explore
+    result          what was searched, and what is known after it
+    team            the robots of a collaboration, ready to be explored
+    deliveries      the search with one way of delivery
+    samples         parts that a search may not have reached
+    merging         findings and verdicts of several searches
+    places          elements of the models, and what they accept
     abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
     team_facts      what all processes of a team have in common
     error_codes     with which services and called processes may fail
@@ -52,12 +59,9 @@ from typing import TYPE_CHECKING
 from fame.imports import attach
 
 if TYPE_CHECKING:
-    from fame.check.explore.exploration import (
-        Exploration as Exploration,
-        Request as Request,
-        explore_from as explore_from,
-        explore_team as explore_team,
-    )
+    from fame.check.explore.exploration import explore_from as explore_from, explore_team as explore_team
     from fame.check.explore.findings import Finding as Finding
+    from fame.check.explore.request import Request as Request
+    from fame.check.explore.result import Exploration as Exploration
 else:
     __getattr__, __dir__, __all__ = attach(__name__)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from fame.bpmn.pools import pools_of
 from fame.check.explore import Exploration, Finding
-from fame.check.explore.exploration import accepted
+from fame.check.explore.places import accepted
 from fame.errors import FameError
 from fame.scenario.result import Result
 from fame.scenario.run import Run

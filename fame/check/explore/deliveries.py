@@ -1,0 +1,197 @@
+"""The search of a team with one way of delivery, and what is known after it.
+
+What follows from a single fault, or from a failure that nothing catches, is explored by itself: such a failure is a way
+out of a deadlock, and must not hide it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+from fame.check.explore.faults import Faults
+from fame.check.explore.findings import ExplorationReport, Finding
+from fame.check.explore.graph import Explored
+from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
+from fame.check.explore.host import never
+from fame.check.explore.places import accepted, elements_of
+from fame.check.explore.product import Delivery, Options, Product
+from fame.check.explore.properties import Judged
+from fame.check.explore.reduction import Reduction
+from fame.check.explore.result import Searched
+from fame.check.explore.search import explore
+from fame.check.explore.team import Team
+from fame.check.explore.trace import Runs
+from fame.check.explore.transitions import FAULTS, MASK
+from fame.dataclasses import replace
+from fame.engine.program import Node
+
+Stop = Callable[[], bool]
+"""Returns whether the time is over."""
+_HOLDING = ("proved", "not triggered")
+
+
+def search(team: Team, delivery: Delivery, limit: int, stop: Stop) -> tuple[Searched, list[Finding]]:
+    """Explore a team with one delivery, and where that is asked for, what single faults lead to."""
+    begun = time.perf_counter()
+    report, cuts = _explore(team, delivery, limit, stop)
+    note_received(team, report)
+    findings, faults = report.findings(), list[tuple[str, str, Finding | None]]()
+    judged = team.monitors.judge(report.runs, exhaustive=not cuts) if team.monitors is not None else ()
+    if team.request.faults:
+        report, further_cuts = _explore(team, delivery, limit, stop, faults=True)
+        cuts, faults = tuple(dict.fromkeys((*cuts, *further_cuts))), report.faults()
+        findings += [finding for _, _, finding in faults if finding is not None]
+    searched = Searched(
+        delivery=delivery,
+        states=len(report.explored.states),
+        transitions=report.explored.transitions,
+        seconds=time.perf_counter() - begun,
+        cuts=cuts,
+        bound=bool(report.explored.cut),
+        faults=tuple((name, delivery, outcome) for name, outcome, _ in faults),
+        judged=tuple(judged),
+    )
+    return searched, findings
+
+
+def after_failures(team: Team, searched: Searched, limit: int, stop: Stop) -> Searched:
+    """Return the search with only those proofs that also hold if services and actions fail
+    where nothing catches that.
+
+    Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
+    """
+    entered = set[str]().union(*(local.states.visited for local in team.locals))
+    may_fail = sorted({element for element, _ in team.model.unhandled} & entered)
+    if not may_fail or team.monitors is None or not any(proof.verdict in _HOLDING for proof in searched.judged):
+        return searched
+    again = dict[str, Judged]()
+    cuts: tuple[str, ...] = ("no budget is left",)
+    if limit > 0 and not stop():
+        report, cuts = _explore(team, searched.delivery, limit, stop, unhandled=True)
+        again = {judged.name: judged for judged in team.monitors.judge(report.runs, exhaustive=not cuts)}
+    judged = (_after_failures(team, proof, again.get(proof.name), may_fail, cuts) for proof in searched.judged)
+    return replace(searched, judged=tuple(judged))
+
+
+def _after_failures(
+    team: Team, proof: Judged, again: Judged | None, may_fail: Sequence[str], cuts: Sequence[str]
+) -> Judged:
+    """What is known of a property; `again`: what a search says in which services fail, as far as there was one."""
+    if proof.verdict not in _HOLDING or (again is not None and again.verdict in _HOLDING):
+        return proof
+    run = again.run if again is not None else ()
+    failed = [step.element for step in run if (step.element, step.detail) in team.model.unhandled]
+    names = " or ".join(team.places[element].display_name for element in dict.fromkeys(failed or may_fail))
+    why = f"{names} may fail, and nothing catches it"
+    if cuts and (again is None or again.verdict != "refuted"):
+        why += f"; what follows is not explored whole ({', '.join(cuts)})"
+    return replace(proof, verdict="not known", text="; ".join(filter(None, (why, proof.text))))
+
+
+def note_received(team: Team, report: ExplorationReport) -> None:
+    """Note which topics some robot of a process has received."""
+    flags = report.product.flags
+    team.received |= {(report.processes[robot], what) for kind, robot, what in flags if kind == "received"}
+
+
+@contextmanager
+def steps_end(team: Team, stop: Stop) -> Iterator[None]:
+    """Let `stop` end a step, too, that would never end: it then raises OutOfTimeError."""
+    for local in team.locals:
+        local.host.stop = stop
+    try:
+        yield
+    finally:
+        for local in team.locals:
+            local.host.stop = never
+
+
+def _explore(
+    team: Team, delivery: Delivery, limit: int, stop: Stop, *, faults: bool = False, unhandled: bool = False
+) -> tuple[ExplorationReport, tuple[str, ...]]:
+    """What the states of the team say, and what was left out."""
+    request = team.request
+    options = Options(
+        delivery=delivery, reduced=request.reduced, faults=faults, unhandled=unhandled, limit=limit,
+        groups=team.groups() if request.reduced else (), stop=stop, given=team.given,
+        required=() if team.given else team.required(), progress=request.progress,
+        monitors=None if faults else team.monitors,
+        acknowledged=frozenset(name for name, use in team.model.facts.types.items() if use.ttl),
+    )  # fmt: skip
+    product = Product(team.robots, team.locals, options)
+    if request.reduced:
+        reduction = Reduction(product)
+        product.alone, product.first_arrivals = reduction.alone, reduction.first_arrivals
+        if not faults:  # which may happen between
+            product.settled, product.between = reduction.settled, reduction.between
+    if faults:
+        product.add_faults = Faults(product).add
+    with steps_end(team, stop):
+        explored = explore(product)
+    cuts = tuple(_cuts(team, product, explored))
+    return report_of(team, product, explored, exhaustive=not cuts), cuts
+
+
+def report_of(team: Team, product: Product, explored: Explored, *, exhaustive: bool) -> ExplorationReport:
+    """Return what explored states say about a team."""
+    return ExplorationReport(
+        Runs(product, explored, team.places),
+        pools=tuple(pool.name for pool in team.cast.values()),
+        starts=tuple(_starts(local.program.starts) for local in team.locals),
+        processes=tuple(pool.process.id for pool in team.cast.values()),
+        accepts=accepted(team.definitions, team.pools, team.library),
+        elements=tuple(
+            frozenset(local.program.elements) & team.places.keys() & local.liveness.elements for local in team.locals
+        ),
+        exhaustive=exhaustive,
+        sourceless=_sourceless(team),
+    )
+
+
+def _starts(starts: Mapping[str, Sequence[Node]]) -> tuple[tuple[str, str], ...]:
+    """(element, topic) of what a robot waits for to start."""
+    return tuple((node.id, topic) for topic, nodes in starts.items() for node in nodes)
+
+
+def _sourceless(team: Team) -> tuple[tuple[int, str], ...]:
+    """(place of a robot that waits for it, topic) of signals that no robot throws, and that nothing names a source of.
+
+    A model of one pool says nothing about who is around it.
+    """
+    if len(team.pools) < 2:
+        return ()
+    elements = elements_of(team.definitions, team.pools, team.library)
+    outside = {element.id for _, element in elements if element.properties.get("outside")}
+    catches = [(place, node.id, node.catch.topic) for place, local in enumerate(team.locals)
+               for node in local.program.nodes if node.catch is not None]  # fmt: skip
+    known = team.request.sources | team.watched | {topic for _, element, topic in catches if element in outside}
+    first = {
+        (team.cast[team.robots[place]].name, topic): place
+        for place, _, topic in reversed(catches)
+        if topic[:1] == "/" and topic in team.locals[place].outside
+        and topic not in known | team.locals[place].program.messages
+    }  # fmt: skip
+    return tuple((place, topic) for (_, topic), place in first.items())
+
+
+def _cuts(team: Team, product: Product, explored: Explored) -> Iterator[str]:
+    """Why not all states were explored."""
+    if explored.cut == "states":
+        yield f"the limit of {team.request.limit} states is reached"
+    elif explored.cut:
+        yield f"the limit of {team.request.seconds:g} s is reached, which depends on the machine"
+    if product.network.piles:
+        yield "more messages under way than are kept apart"
+    if product.further_faults:
+        yield f"more than {FAULTS - 1} single faults"
+    for local in dict.fromkeys(team.locals):
+        if local.cut:
+            yield f"too many decisions in one step of {local.robot}"
+        if any(kind == "instances" for kind, _ in local.states.grown):
+            yield f"more than {MOST_INSTANCES} instances on {local.robot}"
+        if any(kind == "tokens" for kind, _ in local.states.grown):
+            yield f"more than {MOST_AT_ONE_PLACE} tokens at one element of {local.robot}"
+        if len(local) >= MASK:
+            yield f"too many states of {local.robot}"
