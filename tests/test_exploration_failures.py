@@ -215,6 +215,17 @@ def test_a_behaviour_whose_script_raises_may_fail() -> None:
     assert judged(goes(CALLS, boundary(), beside=inner), "never P fails").verdict == "proved"
 
 
+def test_a_behaviour_whose_error_handler_raises_may_fail() -> None:
+    """The error of an event sub-process starts outside of the scope that it handles; the boundary was never entered."""
+    handler = (
+        '<subProcess id="H" triggeredByEvent="true"><startEvent id="H1"><errorEventDefinition/></startEvent>'
+        f'<endEvent id="H2"><errorEventDefinition errorRef="Lost"/></endEvent>{flow("H1", "H2")}</subProcess>'
+    )
+    throws = '<scriptTask id="I2" scriptFormat="python"><script>raise ValueError</script></scriptTask>'
+    model = goes(CALLS, boundary("Lost"), beside=called(throws + handler))
+    assert judged(model, 'never P completes "gave up Lost"').verdict == "refuted"
+
+
 def test_a_script_in_javascript_that_throws_may_fail() -> None:
     """It was called invalid Python."""
     throws = script("throw new Error('low'); next();").replace("python", "javascript")

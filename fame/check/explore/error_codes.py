@@ -109,18 +109,11 @@ class _Thrown:
 
     def _by_body(self, home: model.Definitions, body: model.Body) -> set[str] | None:
         at_nodes, of_body = _handlers(body)
-        leaving: set[str] | None = set()
-        for node in body.nodes:  # each is asked, also after one that may raise any code: `seen` depends on it
-            codes, caught = self._by_node(home, node), at_nodes[node.id]
-            if None in caught:
-                continue
-            if codes is None:
-                leaving = None
-            elif leaving is not None:
-                leaving |= codes - caught
-        if None in of_body:
-            return set()
-        return None if leaving is None else leaving - of_body
+        codes = {node.id: _uncaught(self._by_node(home, node), at_nodes[node.id]) for node in body.nodes}
+        inside = _joined(codes[node.id] for node in body.nodes if not node.triggered_by_event)
+        # The error of a handler starts outside of the scope that it handles.
+        of_handlers = _joined(codes[node.id] for node in body.nodes if node.triggered_by_event)
+        return _joined((_uncaught(inside, of_body), of_handlers))
 
     def _by_node(self, home: model.Definitions, node: model.FlowNode) -> set[str] | None:
         if node.body is not None:
@@ -155,3 +148,17 @@ def _handlers(body: model.Body) -> tuple[Mapping[str, set[str | None]], set[str 
             starts = node.body.events("start")
             of_body |= {error.code for start in starts for error in start.defined(model.ErrorDefinition)}
     return at_nodes, of_body
+
+
+def _uncaught(codes: set[str] | None, caught: set[str | None]) -> set[str] | None:
+    """Those of thrown codes that are not caught; None: any."""
+    return set() if None in caught else None if codes is None else codes - caught
+
+
+def _joined(parts: Iterable[set[str] | None]) -> set[str] | None:
+    joined = set[str]()
+    for codes in parts:
+        if codes is None:
+            return None
+        joined |= codes
+    return joined
