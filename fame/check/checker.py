@@ -99,20 +99,20 @@ def check(
     expect(library is None or isinstance(library, Library), "library", library, 'a Library("folder")')
     scope = find_scope(definitions, library or Library(), team=team, strict=strict)
     scope.given, scope.outside = given, frozenset(outside)
-    found = [finding for one in (*CHECKS, *[check_guidelines] * guidelines) for finding in one(scope)]
-    found += [finding for name, place in registered(GROUP).items() for finding in _added(name, place, definitions)]
-    return arranged(map(scope.named, _relevant(scope, found)), scope.files)
+    findings = [finding for one in (*CHECKS, *[check_guidelines] * guidelines) for finding in one(scope)]
+    findings += [finding for name, place in registered(GROUP).items() for finding in _added(name, place, definitions)]
+    return arranged(map(scope.named, _relevant(scope, findings)), scope.files)
 
 
 def _added(name: str, place: str, definitions: Definitions) -> Sequence[Finding]:
     """What a check of another package finds. Raises ConfigError if the check itself fails: nothing is known then."""
     try:
-        found = list(find_object(place, Path())(definitions))
+        findings = list(find_object(place, Path())(definitions))
     except (Exception, SystemExit) as error:  # whatever the code of a package raises
         raise ConfigError(f"the check {name!r} ({place}) failed: {type(error).__name__}: {error}") from error
-    if not all(isinstance(each, Finding) for each in found):
+    if not all(isinstance(each, Finding) for each in findings):
         raise ConfigError(f"the check {name!r} ({place}) gave something else than findings (fame.check.Finding)")
-    return [each if each.file else replace(each, file=definitions.file) for each in found]
+    return [each if each.file else replace(each, file=definitions.file) for each in findings]
 
 
 def _relevant(scope: CheckScope, findings: Iterable[Finding]) -> Iterator[Finding]:

@@ -43,7 +43,7 @@ class _CallUse:
     def clashes(self, other: _CallUse) -> set[str]:
         """Return the variables of this call that the other one changes while it still needs them."""
         both = (name for name in self.sets() & other.sets() if name in self.kept)
-        return {name for name in both if len(found := self._values(name) | other._values(name)) > 1 or "" in found}
+        return {name for name in both if len(values := self._values(name) | other._values(name)) > 1 or "" in values}
 
     def sets(self) -> Set[str]:
         """Return the names that it sets."""
@@ -116,11 +116,11 @@ def _calls(node: FlowNode, sharing: Set[str]) -> Iterator[FlowNode]:
 def _pairs(graph: FlowGraph) -> Iterator[tuple[str, str]]:
     """Yield the nodes of which tokens may be at both at the same time, in the order of the file."""
     place = {node.id: number for number, node in enumerate(graph.body.nodes)}
-    found = dict[tuple[str, str], None]()
-    for one, other in _branches(graph):
-        for pair in ((a, b) for a in one - other for b in other - one):
-            found[min(pair, key=place.__getitem__), max(pair, key=place.__getitem__)] = None
-    yield from sorted(found, key=lambda pair: (place[pair[0]], place[pair[1]]))
+    pairs = dict[tuple[str, str], None]()
+    for branch, other in _branches(graph):
+        for pair in ((a, b) for a in branch - other for b in other - branch):
+            pairs[min(pair, key=place.__getitem__), max(pair, key=place.__getitem__)] = None
+    yield from sorted(pairs, key=lambda pair: (place[pair[0]], place[pair[1]]))
 
 
 def _branches(graph: FlowGraph) -> Iterator[tuple[set[str], set[str]]]:
@@ -188,13 +188,13 @@ def _anew(script: Expression, reads: Set[str], writes: Set[str]) -> Set[str]:
     tree = syntax_tree(script)
     if tree is None:
         return writes - reads
-    found = set[str]()
+    anew = set[str]()
     for node in ast.walk(tree):
         if isinstance(node, ast.Assign | ast.AnnAssign | ast.NamedExpr) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             used = {name.id for name in ast.walk(node.value) if isinstance(name, ast.Name)}
-            found |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)} - used
-    return found & writes
+            anew |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)} - used
+    return anew & writes
 
 
 def _sets(node: FlowNode, sharing: Set[str], use: _UseOf) -> Set[str]:

@@ -76,12 +76,12 @@ def contract_of(definitions: Definitions, library: Library) -> list[ContractEndp
     """Return the endpoints of all pools, by pool, direction and name. Raises ModelError."""
     pools = pools_of(definitions)
     shared = {name: use.declared for name, use in shared_topics(definitions, pools, library).items() if use.declared}
-    found: dict[ContractEndpoint, None] = {}
+    endpoints: dict[ContractEndpoint, None] = {}
     for pool in pools:
         closure = library.closure(definitions, pool.process)
-        found.update(dict.fromkeys(_of_pool(pool, closure, shared, definitions.file)))
+        endpoints.update(dict.fromkeys(_of_pool(pool, closure, shared, definitions.file)))
     order = {pool.name: number for number, pool in enumerate(pools)}
-    return sorted(found, key=lambda one: (order[one.robot], one.direction, one.name))
+    return sorted(endpoints, key=lambda one: (order[one.robot], one.direction, one.name))
 
 
 def _of_pool(
@@ -132,14 +132,14 @@ def compare(
             nodes[probe.robot] = middleware.node(NODE, probe.robot)
         probe.open(nodes[probe.robot])
     until = scheduler.now + round(patience * SECOND)
-    found = _missing(probes, middleware)
-    while found and scheduler.now < until:
+    missing = _missing(probes, middleware)
+    while missing and scheduler.now < until:
         scheduler.run(min(until, scheduler.now + _STEP))
-        found = _missing(probes, middleware)
+        missing = _missing(probes, middleware)
     names = {probe.name for probe in probes}
     warnings = [one for one in middleware.warnings if one.kind == "mismatch" and one.topic in names]
     files = {probe.name: probe.endpoint.file for probe in probes}
-    return [*found, *(Finding("error", str(one), files[one.topic]) for one in warnings)]
+    return [*missing, *(Finding("error", str(one), files[one.topic]) for one in warnings)]
 
 
 def _robots(endpoint: ContractEndpoint, middleware: Middleware) -> list[str]:
@@ -159,43 +159,47 @@ class _Probe:
         self._client: Client | ActionClient | None = None
 
     def open(self, node: Node) -> None:
-        one = self.endpoint
-        if not one.type or (one.type == EMPTY_TYPE and one.name.startswith("~/")):
+        endpoint = self.endpoint
+        if not endpoint.type or (endpoint.type == EMPTY_TYPE and endpoint.name.startswith("~/")):
             return
         try:
-            if one.direction == "publishes":
-                node.publisher(self.name, one.type, one.qos or SIGNAL)
-            elif one.direction == "subscribes to":
-                node.subscription(self.name, one.type, lambda message: None, one.qos or SIGNAL)
-            elif one.direction == "calls the service":
-                self._client = node.client(self.name, one.type)
+            if endpoint.direction == "publishes":
+                node.publisher(self.name, endpoint.type, endpoint.qos or SIGNAL)
+            elif endpoint.direction == "subscribes to":
+                node.subscription(self.name, endpoint.type, lambda message: None, endpoint.qos or SIGNAL)
+            elif endpoint.direction == "calls the service":
+                self._client = node.client(self.name, endpoint.type)
             else:
-                self._client = ActionClient(node, self.name, one.type)
+                self._client = ActionClient(node, self.name, endpoint.type)
         except (MessageError, ModelError) as error:
             self.error = str(error)
 
     def finding(self, middleware: Middleware) -> Finding | None:
         """Return the endpoints that are missing now."""
-        one = self.endpoint
+        endpoint = self.endpoint
         if self.error:
-            return Finding("error", f"{self.robot} {one.direction} {self.name}: {self.error}", one.file)
-        if one.qos is None:
-            kind = "service" if one.direction == "calls the service" else "action"
+            return Finding("error", f"{self.robot} {endpoint.direction} {self.name}: {self.error}", endpoint.file)
+        if endpoint.qos is None:
+            kind = "service" if endpoint.direction == "calls the service" else "action"
             if self._client is not None and not self._client.available:
-                return Finding("error", f"no node offers the {kind} {self.name} ({one.type})", one.file)
+                return Finding("error", f"no node offers the {kind} {self.name} ({endpoint.type})", endpoint.file)
             return None
         info = next((info for info in middleware.graph() if info.name == self.name), None)
-        others = [type for type in info.types if one.type and type != one.type] if info is not None else []
+        others = [type for type in info.types if endpoint.type and type != endpoint.type] if info is not None else []
         if others:
-            return Finding("error", f"{self.name} is {', '.join(others)} in the graph; expected {one.type}", one.file)
-        if one.name.startswith("/"):
+            return Finding(
+                "error", f"{self.name} is {', '.join(others)} in the graph; expected {endpoint.type}", endpoint.file
+            )
+        if endpoint.name.startswith("/"):
             return None  # between the robots of the mission
-        ends = () if info is None else info.publishers if one.direction == "subscribes to" else info.subscribers
+        ends = () if info is None else info.publishers if endpoint.direction == "subscribes to" else info.subscribers
         if any(end.rpartition("/")[2] != NODE for end in ends):
             return None
-        if one.direction == "subscribes to":
-            return Finding("error", f"no node publishes {self.name} ({one.type or 'type unknown'})", one.file)
-        return Finding("warning", f"no node subscribes to {self.name} ({one.type or 'type unknown'})", one.file)
+        if endpoint.direction == "subscribes to":
+            return Finding("error", f"no node publishes {self.name} ({endpoint.type or 'type unknown'})", endpoint.file)
+        return Finding(
+            "warning", f"no node subscribes to {self.name} ({endpoint.type or 'type unknown'})", endpoint.file
+        )
 
 
 def _missing(probes: Sequence[_Probe], middleware: Middleware) -> list[Finding]:

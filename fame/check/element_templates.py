@@ -60,9 +60,9 @@ def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
     }
 
 
-def write(found: Sequence[Template]) -> str:
+def write(templates: Sequence[Template]) -> str:
     """Return the text of a file."""
-    return json.dumps(found, indent=2) + "\n"
+    return json.dumps(templates, indent=2) + "\n"
 
 
 # ---- properties of a team --------------------------------------------------------------------------------------------

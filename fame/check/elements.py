@@ -80,10 +80,10 @@ def check_library(scope: CheckScope) -> Iterator[Finding]:
 def check_annotations(scope: CheckScope) -> Iterator[Finding]:
     """Find text annotations that seem to be properties and are not read as such."""
     for home in scope.files.values():
-        for one in home.artifacts:
-            if seems_property(one, home.file):
+        for artifact in home.artifacts:
+            if seems_property(artifact, home.file):
                 text = "is not read as a property, and not judged: expected property NAME: SENTENCE"
-                yield Finding("warning", text, home.file, one.line, one.id)
+                yield Finding("warning", text, home.file, artifact.line, artifact.id)
 
 
 # ---- names of properties and pools -----------------------------------------------------------------------------------

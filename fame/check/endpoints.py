@@ -59,10 +59,10 @@ def select_topics(
 
 
 def _by_name(ends: Iterable[TopicEndpoint]) -> Topics:
-    found: dict[str, list[TopicEndpoint]] = {}
+    named: dict[str, list[TopicEndpoint]] = {}
     for end in ends:
-        found.setdefault(end.name, []).append(end)
-    return found
+        named.setdefault(end.name, []).append(end)
+    return named
 
 
 def endpoints_of(process: CheckedProcess) -> Iterator[TopicEndpoint]:
@@ -142,8 +142,8 @@ def fields_taken(names: Sequence[str], topic: Topic, type: str) -> tuple[str, ..
 
 def message_fields(names: Sequence[str], topic: Topic, type: str) -> Mapping[str, str]:
     """Return the field of each variable, such as ``pose.position.x``; empty if the type is unknown."""
-    found = match(names, variable_name(topic.name), messages.create(type)) if _is_known(type) else {}
-    return {name: ".".join(path) for name, path in found.items()}
+    paths = match(names, variable_name(topic.name), messages.create(type)) if _is_known(type) else {}
+    return {name: ".".join(path) for name, path in paths.items()}
 
 
 def _is_known(type: str) -> bool:
@@ -160,5 +160,5 @@ def taken_by_prefix(process: CheckedProcess, node: FlowNode, topic: Topic, type:
     """Variables that a caught message sets because their names start like a field: name -> field."""
     if topic.takes or node.data_outputs or not _is_known(type):
         return {}
-    found = match_prefix(unfilled(process.bpmn), "", messages.create(type))
-    return {name: ".".join(path) for name, path in found.items()}
+    paths = match_prefix(unfilled(process.bpmn), "", messages.create(type))
+    return {name: ".".join(path) for name, path in paths.items()}

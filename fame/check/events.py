@@ -113,12 +113,12 @@ def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) 
     return raised_codes(node)
 
 
-def _together(found: Iterator[set[str] | None]) -> set[str] | None:
+def _together(parts: Iterator[set[str] | None]) -> set[str] | None:
     codes: set[str] = set()
-    for one in found:
-        if one is None:
+    for part in parts:
+        if part is None:
             return None
-        codes |= one
+        codes |= part
     return codes
 
 

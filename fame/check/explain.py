@@ -66,12 +66,12 @@ def readings(definitions: Definitions, *, library: Library | None = None) -> lis
     """Return all readings of a file and of the processes that it calls, by file and line."""
     about = find_scope(definitions, library or Library())
     homes = {process.file: process.definitions for process in about.processes} or {definitions.file: definitions}
-    found = [reading for home in homes.values() for reading in (*_forms(home), *_notes(home))]
+    details = [reading for home in homes.values() for reading in (*_forms(home), *_notes(home))]
     types = {name: declared_type(ends) or EMPTY_TYPE for name, ends in by_topic(about.processes).items()}
     for ends in by_topic(about.processes).values():
-        found += (_at(end.process, "topic", _topic(end, types[end.name]), end.node, end.line) for end in ends)
+        details += (_at(end.process, "topic", _topic(end, types[end.name]), end.node, end.line) for end in ends)
     for process in about.processes:
-        found += (
+        details += (
             *_services(process),
             *_data(process),
             *_parameters(process, about, library or Library()),
@@ -79,9 +79,9 @@ def readings(definitions: Definitions, *, library: Library | None = None) -> lis
             *_texts(process),
             *_semantics(process),
         )
-        found += (_at(process, "quirk", text, node, line) for text, node, line in _quirks(process, types))
+        details += (_at(process, "quirk", text, node, line) for text, node, line in _quirks(process, types))
     order = {file: place for place, file in enumerate(homes)}
-    return sorted(dict.fromkeys(found), key=lambda one: (order[one.file], one.line, KINDS.index(one.kind)))
+    return sorted(dict.fromkeys(details), key=lambda one: (order[one.file], one.line, KINDS.index(one.kind)))
 
 
 def _at(process: CheckedProcess, kind: ReadingKind, text: str, element: Element, line: int = 0) -> ReadingDetail:

@@ -147,9 +147,9 @@ class _Parts:
 
     def values(self) -> Mapping[str, Sequence[_Value]]:
         """Return the values of each part that make a difference."""
-        found: dict[str, Sequence[_Value]] = dict.fromkeys(sorted(self.truths), (False, True))
-        found |= dict.fromkeys(sorted(self.pairs), (-1.0, 0.0, 1.0))
-        return found | {f"number {name}": _around(sorted(constants)) for name, constants in self.numbers.items()}
+        values: dict[str, Sequence[_Value]] = dict.fromkeys(sorted(self.truths), (False, True))
+        values |= dict.fromkeys(sorted(self.pairs), (-1.0, 0.0, 1.0))
+        return values | {f"number {name}": _around(sorted(constants)) for name, constants in self.numbers.items()}
 
 
 def _around(constants: Sequence[float]) -> list[float]:
@@ -161,11 +161,11 @@ def _around(constants: Sequence[float]) -> list[float]:
 def _comparisons(tree: ast.Compare) -> list[tuple[ast.expr, ast.cmpop, ast.expr]]:
     """The comparisons of a chain such as ``0 <= x < 10``, constants on the right, else in a fixed order."""
     operands = [tree.left, *tree.comparators]
-    found = []
+    comparisons = []
     for left, operator, right in zip(operands, tree.ops, operands[1:], strict=False):
         turned = (_is_constant(left), ast.dump(left)) > (_is_constant(right), ast.dump(right))
-        found.append((right, _turned(operator), left) if turned else (left, operator, right))
-    return found
+        comparisons.append((right, _turned(operator), left) if turned else (left, operator, right))
+    return comparisons
 
 
 def _turned(operator: ast.cmpop) -> ast.cmpop:
@@ -196,8 +196,8 @@ def _pair(left: ast.expr, right: ast.expr) -> str:
 def _is_true(tree: ast.expr, case: Mapping[str, _Value]) -> bool:
     """The value of a condition in one case."""
     if isinstance(tree, ast.BoolOp):
-        found = [_is_true(value, case) for value in tree.values]
-        return all(found) if isinstance(tree.op, ast.And) else any(found)
+        truths = [_is_true(value, case) for value in tree.values]
+        return all(truths) if isinstance(tree.op, ast.And) else any(truths)
     if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not):
         return not _is_true(tree.operand, case)
     if isinstance(tree, ast.Compare):

@@ -95,9 +95,9 @@ def _literals(scope: CheckScope) -> Iterator[Finding]:
 
 def _refuse(scope: CheckScope, findings: Iterable[Finding]) -> None:
     """Raise the first error."""
-    for one in arranged((one for one in findings if one.level == "error"), scope.files):
-        one = scope.named(one)
-        raise ModelError(one.text, file=one.file, line=one.line, element=one.element, name=one.name)
+    for error in arranged((one for one in findings if one.level == "error"), scope.files):
+        error = scope.named(error)
+        raise ModelError(error.text, file=error.file, line=error.line, element=error.element, name=error.name)
 
 
 # ---- all errors of the compiler --------------------------------------------------------------------------------------

@@ -38,15 +38,15 @@ class FlowGraph:
 
     def reach(self, ids: Iterable[str], seen: set[str]) -> set[str]:
         """Return the nodes that tokens reach from some nodes (included), without those in `seen`, which is extended."""
-        found: set[str] = set()
+        reached: set[str] = set()
         pending = list(ids)
         while pending:
             id = pending.pop()
             if id not in seen:
                 seen.add(id)
-                found.add(id)
+                reached.add(id)
                 pending += self.following[id]
-        return found
+        return reached
 
     def before(self, id: str) -> Iterator[str]:
         """Yield the nodes from which tokens reach a node, nearest first; includes the node itself

@@ -102,9 +102,9 @@ def _pools(scope: CheckScope) -> Iterator[Finding]:
 
 def _ordinals(process: Process) -> Mapping[str, str]:
     """Number the ids of a process in document order: id -> ``#n``."""
-    found = [process.id]
-    found += [element.id for element in process.body.elements()]
-    return {id: f"#{number}" for number, id in enumerate(found)}
+    ids = [process.id]
+    ids += [element.id for element in process.body.elements()]
+    return {id: f"#{number}" for number, id in enumerate(ids)}
 
 
 def _shape(value: Any, ids: Mapping[str, str]) -> Any:
@@ -157,8 +157,8 @@ def _undeclared(process: CheckedProcess) -> Iterator[Finding]:
             if text.use in ("condition", "payload"):
                 for name in sorted(text.reads - declared - {*loops.NAMES, *gateways.NAMES}):
                     does = "decides by" if text.use == "condition" else "sends"
-                    found = f"{does} `{name}`, which no data object declares (G4)"
-                    yield process.finding("note", found, text.element, text.expression.line)
+                    message = f"{does} `{name}`, which no data object declares (G4)"
+                    yield process.finding("note", message, text.element, text.expression.line)
 
 
 # ---- models of the original FaMe -------------------------------------------------------------------------------------

@@ -55,7 +55,7 @@ def behaviours(folders: Sequence[Path] = ()) -> list[Behaviour]:
     A name that two files of `folders` define is there twice: a call of it is refused. Raises ConfigError for a folder
     that does not exist and ModelError for a file that cannot be read.
     """
-    library, found = Library(), dict[str, list[Behaviour]]()
+    library, by_name = Library(), dict[str, list[Behaviour]]()
     for level in (folders, BUILT_IN):
         here: dict[str, list[Behaviour]] = {}
         for folder in level:
@@ -65,8 +65,8 @@ def behaviours(folders: Sequence[Path] = ()) -> list[Behaviour]:
                 definitions = library.read(path)
                 for process in definitions.processes:
                     here.setdefault(process.id, []).append(_behaviour(definitions, process, library))
-        found = here | found
-    return [one for name in sorted(found) for one in found[name]]
+        by_name = here | by_name
+    return [one for name in sorted(by_name) for one in by_name[name]]
 
 
 def _behaviour(definitions: Definitions, process: Process, library: Library) -> Behaviour:

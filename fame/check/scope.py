@@ -98,13 +98,13 @@ class CheckedProcess:
 
     def closure(self) -> list[CheckedProcess]:
         """Return the process and all that it calls, directly or not, each once, breadth first."""
-        found = {self: None}
+        closure = {self: None}
         pending = [self]
         for process in pending:
-            new = [callee for _, callee in process.calls if callee is not None and callee not in found]
-            found |= dict.fromkeys(new)
+            new = [callee for _, callee in process.calls if callee is not None and callee not in closure]
+            closure |= dict.fromkeys(new)
             pending += dict.fromkeys(new)
-        return list(found)
+        return list(closure)
 
 
 @dataclass(slots=False, eq=False)
@@ -159,8 +159,8 @@ class CheckScope:
     @cached_property
     def files(self) -> dict[str, Definitions]:
         """The files, by name: the checked one first."""
-        found = {self.definitions.file: self.definitions}
-        return found | {process.file: process.definitions for process in self.processes}
+        files = {self.definitions.file: self.definitions}
+        return files | {process.file: process.definitions for process in self.processes}
 
 
 def find_scope(
@@ -220,11 +220,11 @@ def _callee(
     missing: list[ModelError],
 ) -> CheckedProcess | None:
     try:
-        definitions, found = library.find(process.definitions, call)
+        definitions, called = library.find(process.definitions, call)
     except ModelError as error:
         missing.append(error)
         return None
-    callee = CheckedProcess(definitions, found)
+    callee = CheckedProcess(definitions, called)
     return known.setdefault(_key(callee), callee)
 
 

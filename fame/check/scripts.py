@@ -68,8 +68,8 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
                 yield process.finding("error", f"cannot be computed: {endless}", text.element, text.expression.line)
         for text in scripts:
             if _BLOCKS.search(text.expression.text):
-                found = "time.sleep blocks the whole robot: use await sleep(...)"
-                yield process.finding("warning", found, text.element, text.expression.line)
+                message = "time.sleep blocks the whole robot: use await sleep(...)"
+                yield process.finding("warning", message, text.element, text.expression.line)
         yield from _not_repeatable(process, texts)
         in_javascript = [text for text in scripts if text.expression.language == "javascript"]
         yield from _without_next(process, in_javascript)
@@ -91,10 +91,10 @@ def _misused_interface(process: CheckedProcess, text: ExpressionUse) -> Iterator
 def _bound(tree: ast.AST) -> set[str]:
     """The names that the text itself defines."""
     nodes = list(ast.walk(tree))
-    found = {node.id for node in nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
-    found |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
-    found |= {node.arg for node in nodes if isinstance(node, ast.arg)}
-    return found | {alias.asname or alias.name for node in nodes
+    names = {node.id for node in nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
+    names |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
+    names |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    return names | {alias.asname or alias.name for node in nodes
                     if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names}  # fmt: skip
 
 
@@ -130,8 +130,8 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
 
 def _not_repeatable(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> Iterator[Finding]:
     """Calls whose values a run with the same seed does not repeat. What one script imports, all of the process see."""
-    found = [(text, syntax_tree(text.expression, script=text.use == "script")) for text in texts]
-    trees = [(text, tree) for text, tree in found if tree is not None]
+    parsed = [(text, syntax_tree(text.expression, script=text.use == "script")) for text in texts]
+    trees = [(text, tree) for text, tree in parsed if tree is not None]
     imported = {name: path for text, _ in trees for name, path in text.effects.imports.items()}
     for text, tree in trees if imported else ():
         for node in ast.walk(tree):
@@ -179,8 +179,8 @@ def _without_next(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iter
     """Scripts that never call next(): they fail when they run."""
     for text in scripts:
         if text.effects.calls is not None and not text.effects.calls.next:
-            found = "never calls next(), so it fails after it has run: next() completes a script"
-            yield process.finding("warning", found, text.element, text.expression.line)
+            message = "never calls next(), so it fails after it has run: next() completes a script"
+            yield process.finding("warning", message, text.element, text.expression.line)
 
 
 def _piling_up(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iterator[Finding]:
@@ -189,10 +189,12 @@ def _piling_up(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iterato
     if any(one.destroys for _, one in calls):
         return
     repeated = set(_repeated(process.bpmn.body, around=False))
-    for text, one in calls:
-        if text.element.id in repeated and one.subscribes:
-            found = "creates a subscription in each iteration: end the previous one with node.destroySubscription(...)"
-            yield process.finding("note", found, text.element, text.expression.line)
+    for text, call in calls:
+        if text.element.id in repeated and call.subscribes:
+            message = (
+                "creates a subscription in each iteration: end the previous one with node.destroySubscription(...)"
+            )
+            yield process.finding("note", message, text.element, text.expression.line)
 
 
 def _repeated(body: Body, *, around: bool) -> Iterator[str]:

@@ -74,12 +74,12 @@ def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = l
                 throws[end.process, end.node.id].add(name)
     thrown: set[str] = set()
     while True:
-        found = Reach(thrown=set(thrown))
+        reach = Reach(thrown=set(thrown))
         for root in roots:
-            _Walk(root, topics.keys(), throws, passes, frozenset(thrown), found).walk()
-        if found.thrown == thrown:
-            return found
-        thrown = found.thrown
+            _Walk(root, topics.keys(), throws, passes, frozenset(thrown), reach).walk()
+        if reach.thrown == thrown:
+            return reach
+        thrown = reach.thrown
 
 
 _Place = tuple[CheckedProcess, FlowGraph, FlowNode]
@@ -187,8 +187,8 @@ def check_signal_order(scope: CheckScope) -> Iterator[Finding]:
         roots = [root for one in scope.mission for root in one.roots]
         public, level = public_topics(scope.mission), level_of(scope.mission)
         thrown = {name: ends for name, ends in public.items() if any(end.throws for end in ends)}
-        found = (*_deadlocks(roots, thrown, level), *_too_early(roots, public, thrown, level))
-        yield from (one for one in found if one.file in scope.files)
+        findings = (*_deadlocks(roots, thrown, level), *_too_early(roots, public, thrown, level))
+        yield from (one for one in findings if one.file in scope.files)
 
 
 def _may_throw_anything(node: FlowNode) -> bool:
@@ -197,17 +197,17 @@ def _may_throw_anything(node: FlowNode) -> bool:
 
 
 def _deadlocks(roots: Sequence[CheckedProcess], thrown: Topics, level: Level) -> Iterator[Finding]:
-    found = progress(roots, thrown)
-    for wait in found.waits:
+    reach = progress(roots, thrown)
+    for wait in reach.waits:
         for name in sorted(wait.topics if not wait.escape else ()):
-            causes = [cause for end in thrown[name] if end.throws for cause in _before(end, found)]
+            causes = [cause for end in thrown[name] if end.throws for cause in _before(end, reach)]
             if causes:
                 yield wait.process.finding(level, f"waits for {name}, {_cause(wait, causes[0])}", wait.node)
 
 
-def _before(end: TopicEndpoint, found: Reach) -> Iterator[TopicWait]:
+def _before(end: TopicEndpoint, reach: Reach) -> Iterator[TopicWait]:
     """Where the throwing process waits before it throws."""
-    return (wait for wait in found.waits if end.process in wait.root.closure())
+    return (wait for wait in reach.waits if end.process in wait.root.closure())
 
 
 def _cause(wait: TopicWait, cause: TopicWait) -> str:

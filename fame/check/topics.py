@@ -175,8 +175,8 @@ def _similar(name: str, ends: Sequence[TopicEndpoint], topics: Topics) -> str:
     """A suggestion: a topic of a similar name that lacks the other side."""
     throws = ends[0].throws
     lonely = {one.casefold(): one for one, its in topics.items() if all(end.throws != throws for end in its)}
-    found = difflib.get_close_matches(name.casefold(), sorted(lonely), 1, 0.8)
-    return f"; did you mean {lonely[found[0]]}?" if found else ""
+    close = difflib.get_close_matches(name.casefold(), sorted(lonely), 1, 0.8)
+    return f"; did you mean {lonely[close[0]]}?" if close else ""
 
 
 # ---- messages to pools of several robots -----------------------------------------------------------------------------
@@ -203,16 +203,16 @@ def check_addressing(scope: CheckScope) -> Iterator[Finding]:
 
 def _messages(process: CheckedProcess, *, throws: bool) -> dict[str, list[TopicEnd]]:
     """The elements of a process and its called processes that throw or catch messages, by topic."""
-    found: dict[str, list[TopicEnd]] = {}
-    for one in process.closure():
+    messages: dict[str, list[TopicEnd]] = {}
+    for process_inside in process.closure():
         try:
-            by_topic = topic_table(one.definitions, [one.bpmn.id])
+            by_topic = topic_table(process_inside.definitions, [process_inside.bpmn.id])
         except ModelError:  # reported as an error elsewhere
             continue
         for topic, use in by_topic.items():
             ends = use.throws if throws else use.catches
-            found.setdefault(topic, []).extend(end for end in ends if end.is_message)
-    return found
+            messages.setdefault(topic, []).extend(end for end in ends if end.is_message)
+    return messages
 
 
 # ---- payloads --------------------------------------------------------------------------------------------------------

@@ -74,10 +74,10 @@ def check_value_kinds(scope: CheckScope) -> Iterator[Finding]:
     for root in scope.roots:
         shared = list(sharing(root))
         samples = _by_name(own, shared)
-        for name, found in samples.items():
-            for one in found:
-                if one.whole:
-                    yield from _overwritten(one, name, found, shared)
+        for name, of_name in samples.items():
+            for sample in of_name:
+                if sample.whole:
+                    yield from _overwritten(sample, name, of_name, shared)
         closure = root.closure()
         uses = [uses_of(process, types) for process in closure]
         if not any(one.opaque for one in uses):
@@ -90,11 +90,11 @@ def check_value_kinds(scope: CheckScope) -> Iterator[Finding]:
 def _by_name(
     own: Mapping[CheckedProcess, list[tuple[str, Sample]]], processes: Sequence[CheckedProcess]
 ) -> dict[str, list[Sample]]:
-    found: dict[str, list[Sample]] = {}
+    by_name: dict[str, list[Sample]] = {}
     for process in processes:
         for name, sample in own[process]:
-            found.setdefault(name, []).append(sample)
-    return found
+            by_name.setdefault(name, []).append(sample)
+    return by_name
 
 
 def kind_of(scope: CheckScope, root: CheckedProcess, name: str) -> str:
@@ -190,9 +190,9 @@ def _named(target: ast.expr, value: ast.expr | None) -> Iterator[tuple[str, ast.
     if isinstance(target, ast.Name):
         yield target.id, value
     elif isinstance(target, ast.Tuple | ast.List):
-        found = value.elts if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts) else ()
-        for one, given in itertools.zip_longest(target.elts, found):
-            yield from _named(one, given)
+        values = value.elts if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts) else ()
+        for part, given in itertools.zip_longest(target.elts, values):
+            yield from _named(part, given)
 
 
 def _value(tree: ast.expr | None) -> tuple[Any, bool]:
@@ -235,8 +235,8 @@ def _overwritten(
     for process in processes if is_message(sample.value) else ():
         for text in (text for body in process.bodies() for text in expressions_in(body) if name in text.reads):
             if _computes(text, name):
-                found = f"{does}{text.element.display_name} computes with it as a number: {right}"
-                yield sample.process.finding("warning", found, sample.element)
+                message = f"{does}{text.element.display_name} computes with it as a number: {right}"
+                yield sample.process.finding("warning", message, sample.element)
                 return
 
 

@@ -125,11 +125,11 @@ def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], type
 
 def assigned_objects(process: CheckedProcess) -> set[str]:
     """Return the ids of data objects whose values are assigned when an element starts or ends."""
-    found: set[str] = set()
+    objects: set[str] = set()
     for node in process.bpmn.body.walk():
         catches = node.place in ("start", "catch", "boundary")
-        found.update(node.data_inputs, () if catches else node.data_outputs)
-    return found
+        objects.update(node.data_inputs, () if catches else node.data_outputs)
+    return objects
 
 
 def sets_something(name: str, expression: Expression) -> bool:
@@ -165,14 +165,14 @@ class _Space:
 
 def sharing(root: CheckedProcess) -> dict[CheckedProcess, CallActivity | None]:
     """Return the processes that share the variables of `root`, each with the call by which it is entered."""
-    found: dict[CheckedProcess, CallActivity | None] = {root: None}
+    callers: dict[CheckedProcess, CallActivity | None] = {root: None}
     pending = [root]
     for process in pending:
         for call, callee in process.calls:
-            if callee is not None and call.io is None and callee not in found:
-                found[callee] = found[process] or call
+            if callee is not None and call.io is None and callee not in callers:
+                callers[callee] = callers[process] or call
                 pending.append(callee)
-    return found
+    return callers
 
 
 def _spaces(root: CheckedProcess, given: set[str], uses: Mapping[CheckedProcess, Uses]) -> Iterator[_Space]:
@@ -222,21 +222,21 @@ def _unset(space: _Space, uses: Mapping[CheckedProcess, Uses], strict: bool) -> 
             for name in sorted(text.reads - space.known):
                 level: Level = "error" if strict and text.use == "payload" else "warning"
                 similar = _other_language(name, text.expression) or _similar(name, space.known)
-                found = f"reads `{name}`, which nothing sets"
-                here = process.finding(level, found + similar, text.element, text.expression.line)
-                yield _where_called(space, process, entered, here, found, similar)
+                message = f"reads `{name}`, which nothing sets"
+                here = process.finding(level, message + similar, text.element, text.expression.line)
+                yield _where_called(space, process, entered, here, message, similar)
         for node, name in uses[process].needs:
             if name not in space.known:
-                found, similar = f"needs `{name}`, which nothing sets", _similar(name, space.known)
-                here = process.finding("warning", found + similar, node)
-                yield _where_called(space, process, entered, here, found, similar)
+                message, similar = f"needs `{name}`, which nothing sets", _similar(name, space.known)
+                here = process.finding("warning", message + similar, node)
+                yield _where_called(space, process, entered, here, message, similar)
 
 
 def _where_called(
-    space: _Space, process: CheckedProcess, entered: CallActivity | None, here: Finding, found: str, similar: str
+    space: _Space, process: CheckedProcess, entered: CallActivity | None, here: Finding, message: str, similar: str
 ) -> Finding:
     """The finding at the call that could have set the variable, else `here`."""
-    text = f"{process.bpmn.display_name} {found}{similar}"
+    text = f"{process.bpmn.display_name} {message}{similar}"
     if space.call is not None:
         caller, call = space.call
         return caller.finding(here.level, text if similar else f"{text}: add it to the mapping", call)
@@ -246,8 +246,8 @@ def _where_called(
 
 
 def _similar(name: str, known: frozenset[str]) -> str:
-    found = difflib.get_close_matches(name, sorted(known), 1)
-    return f"; did you mean `{found[0]}`?" if found else ""
+    close = difflib.get_close_matches(name, sorted(known), 1)
+    return f"; did you mean `{close[0]}`?" if close else ""
 
 
 def _other_language(name: str, expression: Expression) -> str:
@@ -291,26 +291,26 @@ def parameters(definitions: Definitions, process: Process, library: Library) -> 
     script of it sets. A default is the value that a data object gives, if that is not computed. Raises ModelError for a
     called process that is not found.
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     reads: set[str] = set()
     fixed: set[str] = set()
     pending, seen = [(definitions, process)], {(definitions.file, process.id)}
-    for home, one in pending:
-        for body in one.body.bodies():
+    for home, inner in pending:
+        for body in inner.body.bodies():
             for name, value in ((name, value) for item in body.data_objects for name, value in item.values):
                 default = "" if has_placeholders(value.text) else value.text
-                if one is process:
-                    found[name] = found.get(name) or default
+                if inner is process:
+                    values[name] = values.get(name) or default
                 elif default:
                     fixed.add(name)  # the called process sets it whatever its caller says
             for text in expressions_in(body):
                 reads |= text.reads
                 fixed |= text.effects.sets | text.effects.code
-        for call in calls_of(one):
+        for call in calls_of(inner):
             if call.io is None:
                 called = library.find(home, call)
                 if (called[0].file, called[1].id) not in seen:
                     seen.add((called[0].file, called[1].id))
                     pending.append(called)
-    found.update((name, "") for name in sorted(reads - fixed - set(NAMES) - found.keys()))
-    return found
+    values.update((name, "") for name in sorted(reads - fixed - set(NAMES) - values.keys()))
+    return values

@@ -73,7 +73,7 @@ def late_starts(
     """Say of each robot that begins anew, and waits for a signal to start, which of the `running` ones throw it: those
     continue from where they were, and may have thrown it already."""
     uses = {robot: shared_topics(definitions, [pool], library) for robot, pool in assigned.items()}
-    found = []
+    warnings = []
     for robot in sorted(assigned.keys() - set(running)):
         starts = assigned[robot].process.body.events("start")
         if any(not start.definitions for start in starts):
@@ -81,8 +81,8 @@ def late_starts(
         for name, use in uses[robot].items():
             others = [one for one in sorted(running) if name in uses.get(one, ()) and uses[one][name].throws]
             if others and {end.node.id for end in use.catches} & {start.id for start in starts}:
-                found.append(f"{robot} waits for {name} to start, which {', '.join(others)} may have thrown already")
-    return found
+                warnings.append(f"{robot} waits for {name} to start, which {', '.join(others)} may have thrown already")
+    return warnings
 
 
 def receivers(
@@ -156,8 +156,8 @@ class SourceMap:
         places: dict[int, _Place] = {}
         there = read_text(self._sent).processes
         own_order = _by_file(self._library.closure(self._definitions, self._process))
-        for other, (home, one) in zip(there, own_order, strict=False):
-            own, theirs = list(_parts(one)), list(_parts(other))
+        for other, (home, body) in zip(there, own_order, strict=False):
+            own, theirs = list(_parts(body)), list(_parts(other))
             if [text for _, text in own] == [text for _, text in theirs]:
                 for (line, text), (sent_line, _) in zip(own, theirs, strict=True):
                     places.update({sent_line + more: (home.file, line + more) for more in range(text.count("\n") + 1)})

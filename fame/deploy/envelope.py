@@ -267,12 +267,12 @@ class Report:
 
     def to_json(self, key: Any = None) -> str:
         """Return the JSON text that is sent, signed with a private key if one is given."""
-        found = fields.values(self)
+        content = fields.values(self)
         if key is not None:
             from fame.deploy.signing import sign
 
-            found["signature"] = sign(found, key)
-        return json_bytes(found).decode()
+            content["signature"] = sign(content, key)
+        return json_bytes(content).decode()
 
     @classmethod
     def from_json(cls, text: str) -> Report | None:
@@ -285,13 +285,13 @@ class Report:
 
 def read_report(text: str) -> Report:
     """Return the report in a text, without the fields that are unknown here. Raises DeploymentError."""
-    found: Any = None
+    content: Any = None
     try:
-        found = read_json(text, _LONGEST, json_value)
-        report = fields.read(Report, found, ignore=True)
+        content = read_json(text, _LONGEST, json_value)
+        report = fields.read(Report, content, ignore=True)
     except (ValueError, TypeError) as error:
         raise DeploymentError(f"its status cannot be read ({error})", cause="syntax") from None
-    report.received = found
+    report.received = content
     return report
 
 
@@ -328,14 +328,14 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
     if text.lstrip().startswith("<"):
         key = _text_hash(text)
         return Envelope(deployment=f"{PLAIN}{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
-    found: Any = None
+    content: Any = None
     try:
-        found = read_json(text, SIZE)
-        rest = {**found}
+        content = read_json(text, SIZE)
+        rest = {**content}
         del rest["fame"]
         envelope = fields.read(Envelope, rest)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise unreadable("neither a .bpmn text nor an envelope", text, found, "deployment", error) from None
+        raise unreadable("neither a .bpmn text nor an envelope", text, content, "deployment", error) from None
     if envelope.robot.casefold() != robot.casefold():
         raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}", cause="robot")
     if is_ahead(envelope.sequence, now):
@@ -352,17 +352,17 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
 
 def stored_envelope(text: str) -> Envelope:
     """Return an envelope that an engine has kept as JSON. Raises DeploymentError."""
-    found: Any = None
+    content: Any = None
     try:
-        found = read_json(text, 2 * SIZE)  # escaped
-        rest = {**found}
+        content = read_json(text, 2 * SIZE)  # escaped
+        rest = {**content}
         del rest["fame"]
         if rest["phase"] != "run":
             return fields.read(Envelope, rest)
         bare = {**rest, "phase": "load", "sequence": 0}  # a bare model is no envelope that is sent
         return replace(fields.read(Envelope, bare), phase="run", sequence=-1)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise unreadable("is not a deployment that an engine has kept", text, found, "deployment", error) from None
+        raise unreadable("is not a deployment that an engine has kept", text, content, "deployment", error) from None
 
 
 def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:

@@ -55,10 +55,10 @@ def _element(value: ConfigValue) -> Any:
 
 
 def _variable(value: ConfigValue) -> Any:
-    found = value.mapping(["rename", "default"])
+    keys = value.mapping(["rename", "default"])
     return {
-        **({"rename": found["rename"].text()} if "rename" in found else {}),
-        **({"default": found["default"].data} if "default" in found else {}),
+        **({"rename": keys["rename"].text()} if "rename" in keys else {}),
+        **({"default": keys["default"].data} if "default" in keys else {}),
     }
 
 
@@ -67,7 +67,7 @@ def plan_of(data: Mapping[str, Any]) -> MigrationPlan:
     from fame.engine.migration import MigrationPlan
 
     elements, variables = (
-        found if isinstance(found := data.get(name), Mapping) else {} for name in ("elements", "variables")
+        part if isinstance(part := data.get(name), Mapping) else {} for name in ("elements", "variables")
     )
     variables = {name: what for name, what in variables.items() if isinstance(what, Mapping)}
     named = {id: what for id, what in elements.items() if isinstance(what, str)}
@@ -118,8 +118,8 @@ class Foreseen:
 
         names = [each.name for each in fields(MigratedToken)]
 
-        def token(found: Mapping[str, Any]) -> MigratedToken:
-            known = {name: found[name] for name in names if name in found}
+        def token(data: Mapping[str, Any]) -> MigratedToken:
+            known = {name: data[name] for name in names if name in data}
             return MigratedToken(**{**known, "others": tuple(known.get("others", ()))})
 
         tokens, gone = ([token(each) for each in data.get(name, ())] for name in ("tokens", "gone"))
@@ -169,9 +169,9 @@ def write_plan(path: Path, foreseen: Mapping[str, Foreseen]) -> None:
     from fame.errors import ConfigError
 
     lines, taken = dict[str, str](), set[str]()
-    found = [(robot, token, "blocked") for robot, one in foreseen.items() for token in one.tokens]
-    found += [(robot, token, "no token is there now") for robot, one in foreseen.items() for token in one.gone]
-    for robot, token, state in found:
+    tokens = [(robot, token, "blocked") for robot, one in foreseen.items() for token in one.tokens]
+    tokens += [(robot, token, "no token is there now") for robot, one in foreseen.items() for token in one.gone]
+    for robot, token, state in tokens:
         if token.element not in lines:
             lines[token.element] = _plan_line(robot, token, taken, state)
     text = "\n".join(

@@ -95,15 +95,15 @@ def read_request(text: str) -> TaskRequest:
 
     if len(text) > SIZE:
         raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are accepted", cause="size")
-    found: Any = None
+    content: Any = None
     try:
-        found = read_json(text, SIZE)
-        request = fields.read(TaskRequest, found)
+        content = read_json(text, SIZE)
+        request = fields.read(TaskRequest, content)
         if not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
             raise TypeError("field 'values'")
     except (ValueError, TypeError) as error:
         expected = 'no task, expected {"id": ..., "element": ..., "values": {}}'
-        raise unreadable(expected, text, found, "id", error) from None
+        raise unreadable(expected, text, content, "id", error) from None
     return request
 
 

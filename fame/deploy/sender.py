@@ -152,12 +152,12 @@ class Deployment:
     @property
     def robots(self) -> dict[str, RobotProgress]:
         """How far each robot is; of one without success, also which protocol it speaks, if that differs."""
-        found = {each.robot: each for each in self._protocol.state.robots}
+        robots = {each.robot: each for each in self._protocol.state.robots}
         for robot, text in self._differs.items():
-            each = found[robot]
-            if text and not each.called_off and each.state in ("silent", "refused"):
-                found[robot] = replace(each, reason="; ".join(filter(None, (each.reason, text))))
-        return found
+            robot_progress = robots[robot]
+            if text and not robot_progress.called_off and robot_progress.state in ("silent", "refused"):
+                robots[robot] = replace(robot_progress, reason="; ".join(filter(None, (robot_progress.reason, text))))
+        return robots
 
     @property
     def started(self) -> list[str]:

@@ -334,17 +334,17 @@ def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[Sende
     return _end(_map(state, lambda each: replace(each, reason=each.reason or reason)), failed=True)
 
 
-def _impatient(state: SenderState, each: RobotProgress, patience: float) -> RobotProgress:
-    if each.state == "silent" and (state.phase != "discovery" or each.robot not in state.reported):
-        return replace(each, reason=each.reason or f"did not answer within {patience:g} s")
-    if state.phase == "start" and each.state == "ready":
-        return replace(each, reason=each.reason or "was ready, and did not answer the start")
-    return each
+def _impatient(state: SenderState, progress: RobotProgress, patience: float) -> RobotProgress:
+    if progress.state == "silent" and (state.phase != "discovery" or progress.robot not in state.reported):
+        return replace(progress, reason=progress.reason or f"did not answer within {patience:g} s")
+    if state.phase == "start" and progress.state == "ready":
+        return replace(progress, reason=progress.reason or "was ready, and did not answer the start")
+    return progress
 
 
-def _rival(each: RobotProgress, robot: str) -> RobotProgress:
+def _rival(progress: RobotProgress, robot: str) -> RobotProgress:
     reason = f"two engines say that they are {robot}, and neither can prove it"
-    return replace(each, reason=reason) if each.robot == robot else each
+    return replace(progress, reason=reason) if progress.robot == robot else progress
 
 
 def _end(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[SenderAction, ...]]:
@@ -366,9 +366,9 @@ def _explain(state: SenderState) -> SenderState:
     names = ", ".join(each.robot for each in state.robots if each.robot in failing)
     silent = "had not answered yet" if state.phase in ("load", "approval") else f"was not asked yet because of {names}"
 
-    def explained(each: RobotProgress) -> RobotProgress:
-        reason = silent if each.state == "silent" else f"called off because of {names}"
-        return each if each.robot in failing else replace(each, reason=reason, called_off=True)
+    def explained(progress: RobotProgress) -> RobotProgress:
+        reason = silent if progress.state == "silent" else f"called off because of {names}"
+        return progress if progress.robot in failing else replace(progress, reason=reason, called_off=True)
 
     return _map(state, explained)
 

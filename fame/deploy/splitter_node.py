@@ -158,10 +158,10 @@ class SplitterNode:
         self._election.handle(Woken(self.scheduler.now))
         if not self._leads:
             with suppress(FameError):
-                found = self._read(message.data, "deployed")
-                if self._kept is None or found[0] != self._kept[0][0]:  # else what was received since is newer
-                    self._diagram, self._kept = found, (found, ())
-                elif self._diagram is not None and self._diagram[0] == found[0]:
+                diagram = self._read(message.data, "deployed")
+                if self._kept is None or diagram[0] != self._kept[0][0]:  # else what was received since is newer
+                    self._diagram, self._kept = diagram, (diagram, ())
+                elif self._diagram is not None and self._diagram[0] == diagram[0]:
                     self._diagram = self._kept[0]
 
     def _read(self, text: str, purpose: str) -> tuple[str, Definitions]:

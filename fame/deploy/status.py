@@ -133,11 +133,11 @@ class Namesakes:
             if len(self._heard) >= _OTHERS:
                 return ""
             self._heard[other.engine] = _Namesake(now, now, proved, self._text(other, proved))
-        found = self._heard[other.engine]
-        found.last, found.proved, before = now, proved, found.counts
-        lasts = now - found.first > GONE * SECOND
-        found.counts = before or lasts or other.born < self._born or other.state != "waiting"
-        return found.text if found.counts and not before else ""
+        namesake = self._heard[other.engine]
+        namesake.last, namesake.proved, before = now, proved, namesake.counts
+        lasts = now - namesake.first > GONE * SECOND
+        namesake.counts = before or lasts or other.born < self._born or other.state != "waiting"
+        return namesake.text if namesake.counts and not before else ""
 
     def _text(self, other: Report, proved: bool) -> str:
         if not proved:
@@ -236,8 +236,8 @@ class StatusPublisher:
         problem: Problem | None,
         migration: Mapping[str, Any] | None = None,
     ) -> None:
-        found = dict(self._progress())
-        said = {"state": {"protocol": PROTOCOL, "fame": current(), "goals": found.pop("goals", [])}}
+        progress = dict(self._progress())
+        said = {"state": {"protocol": PROTOCOL, "fame": current(), "goals": progress.pop("goals", [])}}
         report = Report(
             robot=self._verifier.robot,
             deployment=deployment,
@@ -249,7 +249,7 @@ class StatusPublisher:
             time=self._scheduler.now / SECOND,
             key=self._key,
             voucher=self._identity.voucher if self._identity is not None else "",
-            **{**found, "warnings": [*self._namesakes.texts(self._scheduler.now), *found.get("warnings", ())]},
+            **{**progress, "warnings": [*self._namesakes.texts(self._scheduler.now), *progress.get("warnings", ())]},
         )
         if not answer:
             self._on_report(report)

@@ -91,14 +91,14 @@ def beside(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 def _unrolled(records: list[Record]) -> list[Record]:
     """Return the records to compensate, in order. An activity without a handler stands for the records inside it."""
-    found, stack = [], list(records)
+    unrolled, stack = [], list(records)
     while stack:
         record = stack.pop()
         if handler_of(record.node) is not None:
-            found.append(record)
+            unrolled.append(record)
         else:
             stack.extend(record.inner)
-    return found
+    return unrolled
 
 
 def handler_of(node: Node) -> Node | None:
@@ -156,8 +156,8 @@ def _whole_of(instance: Scope) -> Scope:
     """Return the scope of a repeated transaction, cancelled as a whole; add the records of its running instances."""
     whole = instance.parent
     assert whole is not None
-    for each in whole.children:
-        for transaction in each.children if isinstance(each, Scope) else ():
+    for child in whole.children:
+        for transaction in child.children if isinstance(child, Scope) else ():
             if isinstance(transaction, Scope) and transaction.done:
                 remember(whole, *transaction.done)
     return whole

@@ -212,8 +212,8 @@ def with_inputs(inputs: Sequence[tuple[str, Compiled]], source: Compiled, *, in_
     def evaluate(variables: dict[str, Any]) -> Any:
         inner = Variables(variables)
         for name, value in inputs:
-            if (found := value(inner if in_order else variables)) is not UNDEFINED:
-                inner.define(name, found)
+            if (item := value(inner if in_order else variables)) is not UNDEFINED:
+                inner.define(name, item)
         return source(inner)
 
     return evaluate
@@ -244,8 +244,8 @@ def _matched(names: tuple[str, ...], topic: str, match: Correlate) -> Take:
             return
         kind = message.__class__
         if kind not in getters:
-            found = match(names, topic, message)
-            getters[kind] = [(name, attrgetter(".".join(path))) for name, path in found.items()]
+            paths = match(names, topic, message)
+            getters[kind] = [(name, attrgetter(".".join(path))) for name, path in paths.items()]
         for name, get in getters[kind]:
             variables[name] = get(message)
 
@@ -263,26 +263,26 @@ def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str
         fitting = [name for name in names if name in (topic, "data") or name.startswith("data_")]
         chosen = fitting or (names if len(names) == 1 else ())
         return dict.fromkeys(chosen[:1], ("data",))
-    found: dict[str, tuple[str, ...]] = {}
+    paths: dict[str, tuple[str, ...]] = {}
     for path in _fields(message, names):
         field = path[-1]
-        free = [name for name in names if name not in found]
+        free = [name for name in names if name not in paths]
         named = next((name for name in free if name == field), None)
         named = named or next((name for name in free if name.startswith(f"{field}_")), None)
         if named is not None:
-            found[named] = path
-    return found
+            paths[named] = path
+    return paths
 
 
 def match_prefix(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
     """Return the top-level field, as a path, for each variable whose name begins with that of the field."""
-    found: dict[str, tuple[str, ...]] = {}
+    paths: dict[str, tuple[str, ...]] = {}
     for field in field_names(message):
-        free = [name for name in names if name not in found and name.startswith(field)]
+        free = [name for name in names if name not in paths and name.startswith(field)]
         named = min(free, key=lambda name: (name != field, not name.startswith(f"{field}_")), default=None)
         if named is not None:
-            found[named] = (field,)
-    return found
+            paths[named] = (field,)
+    return paths
 
 
 def field_names(value: Any) -> Iterable[str]:
@@ -323,10 +323,10 @@ def correlation(
     """
     inner = Variables(variables, {"msg": message})
     try:
-        found = [(name, source(inner)) for name, source in keys]
+        values = [(name, source(inner)) for name, source in keys]
     except Exception:  # a message that lacks the key is for another receiver
         return None
-    return found if all(_equals(_held(variables, name), value) for name, value in found) else None
+    return values if all(_equals(_held(variables, name), value) for name, value in values) else None
 
 
 def _equals(held: Any, value: Any) -> bool:
@@ -342,10 +342,10 @@ def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], 
     """Return whether a message correlates with a catching event that takes it: the first sets keys without a value."""
     if not keys:
         return True
-    found = correlation(keys, variables, message)
-    if found is None:
+    values = correlation(keys, variables, message)
+    if values is None:
         return False
-    for name, value in found:
+    for name, value in values:
         if name not in variables and "." not in name:
             variables[name] = value
     return True

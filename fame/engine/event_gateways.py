@@ -89,7 +89,7 @@ def _alternatives(context: ScopeCompiler, event: model.Event, owner: Node, slot:
 
 def _link_alternatives(context: ScopeCompiler, gateway: model.Gateway, node: Node) -> None:
     """Make the alternatives of an event-based gateway: the events and receive tasks that it leads to."""
-    found: list[Node] = []
+    alternatives: list[Node] = []
     for id in gateway.outgoing:
         target = context.model[context.flows[id].target]
         main = context.main[target.id]
@@ -105,11 +105,11 @@ def _link_alternatives(context: ScopeCompiler, gateway: model.Gateway, node: Nod
             if choice.catch is not None:
                 choice.catch.home = triggers.queue_of(context, choice, choice.catch)
             choice.next = main.next or (main.catch.parts[0].next if main.catch is not None else None)
-        found.extend(choices)
-    if not found:
+        alternatives.extend(choices)
+    if not alternatives:
         context.refuse("has no event to wait for", gateway)
     assert node.catch is not None
-    node.catch.parts = tuple(found)
+    node.catch.parts = tuple(alternatives)
 
 
 def _receive(context: ScopeCompiler, task: model.Task, topic: model.Topic, gateway: model.Gateway, slot: int) -> Node:
@@ -125,7 +125,7 @@ def _receive(context: ScopeCompiler, task: model.Task, topic: model.Topic, gatew
 
 def instantiating(context: ScopeCompiler, gateway: model.Gateway) -> list[Node]:
     """Make a gateway that starts the process at the event that occurred; a parallel one then waits for the others."""
-    found: list[Node] = []
+    starts: list[Node] = []
     main = context.main[gateway.id]
     for choice in main.catch.parts if main.catch is not None else ():
         begin = context.node(gateway, steps.pass_on, f"/start/{choice.id}", start := Start())
@@ -142,5 +142,5 @@ def instantiating(context: ScopeCompiler, gateway: model.Gateway) -> list[Node]:
             start.event = context.main[choice.id]
             targets = (event, *others)
             begin.next = context.node(gateway, fork, f"/others/{choice.id}", Branch(targets=targets))
-        found.append(begin)
-    return found
+        starts.append(begin)
+    return starts

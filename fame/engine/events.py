@@ -135,14 +135,14 @@ def start(context: ScopeCompiler, event: model.Event) -> None:
     context.watch(node)
     context.place(event, node)
     nodes = triggers.triggers_of(context, event)
-    for each in nodes:
-        each.step = steps.pass_on
+    for entry in nodes:
+        entry.step = steps.pass_on
         if node.next is not None:  # what the event assigns
-            each.next = node.next
+            entry.next = node.next
         else:
-            context.exits[event.id].append(each)
-        each.index = each.slot = node.slot
-        context.watch(each)
+            context.exits[event.id].append(entry)
+        entry.index = entry.slot = node.slot
+        context.watch(entry)
     context.triggers[event.id] = nodes
 
 

@@ -150,16 +150,16 @@ def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
             before.setdefault(node.id, []).append(node.attached_to)
         elif node.place == "catch":
             before.setdefault(node.id, []).extend(jumping_to(content, node))
-    found: dict[str, int] = {"": 0}
+    branches: dict[str, int] = {"": 0}
     for number, flow_id in enumerate(join.incoming):
         pending, seen = [flow_id], {join.id}
         while pending:
             id = pending.pop()
             if id not in seen:
                 seen.add(id)
-                found[id] = found.get(id, 0) | 1 << number
+                branches[id] = branches.get(id, 0) | 1 << number
                 pending.extend(before.get(id, ()))
-    return found
+    return branches
 
 
 # ---- complex -------------------------------------------------------------------------------------

@@ -136,11 +136,11 @@ def _held_scopes(scope: Scope) -> list[Scope]:
 
 def _held_waits(scope: Scope) -> list[Wait]:
     """Return the waits that its suspension holds, and what is armed because of them, in the order of arming."""
-    found = [inner for inner in scope.children if isinstance(inner, Wait) and (inner.token or inner.catch.resume)]
+    waits = [inner for inner in scope.children if isinstance(inner, Wait) and (inner.token or inner.catch.resume)]
     for inner in _held_scopes(scope):
-        found += inner.arms
-        found += _waits_in(inner)
-    return _in_order(found)
+        waits += inner.arms
+        waits += _waits_in(inner)
+    return _in_order(waits)
 
 
 def _waits_in(scope: Scope) -> list[Wait]:
@@ -148,11 +148,11 @@ def _waits_in(scope: Scope) -> list[Wait]:
     return [inner for inner in scope.children if isinstance(inner, Wait)]
 
 
-def _in_order(found: list[Wait]) -> list[Wait]:
+def _in_order(waits: list[Wait]) -> list[Wait]:
     """Return these waits and what is armed because of them, in the order of arming."""
-    for wait in found:  # which grows
-        found += wait.arms
-    return sorted(found, key=attrgetter("key"))
+    for wait in waits:  # which grows
+        waits += wait.arms
+    return sorted(waits, key=attrgetter("key"))
 
 
 def _pause(engine: EngineState, wait: Wait) -> Cancelling:

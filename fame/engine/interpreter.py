@@ -325,9 +325,9 @@ class Engine(EngineState):
             instance, passes = next(reversed(self.instances.values()), instance), of_all
             self.starts_no_more = True
         loop = ", ".join(id for id, count in passes.items() if id and count > 1)
-        each = f" (a suspension counts as {self.limit // SUSPENSIONS})" if self.suspensions else ""
+        counting = f" (a suspension counts as {self.limit // SUSPENSIONS})" if self.suspensions else ""
         among = " of instances that start each other" if chain else ""
-        text = f"{self.limit} moves without waiting{each}, in a loop{among} over {loop}"
+        text = f"{self.limit} moves without waiting{counting}, in a loop{among} over {loop}"
         if instance.status == "running":
             faults.abandon(self, instance, node, text, "livelock")
         elif chain:
@@ -349,8 +349,8 @@ class Engine(EngineState):
 
     def is_alive(self, variables: dict[str, Any]) -> bool:
         """Return whether these are the variables of a scope that has not ended."""
-        found = (scope for instance in self.instances.values() for scope in scopes_of(instance.root))
-        return any(scope.variables is variables for scope in found)
+        scopes = (scope for instance in self.instances.values() for scope in scopes_of(instance.root))
+        return any(scope.variables is variables for scope in scopes)
 
 
 def deliver(engine: EngineState, topic: str, message: Any) -> None:

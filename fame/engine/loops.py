@@ -91,25 +91,25 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> None:
 def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int]:
     """Return the items of a multi-instance activity (None: by cardinality), and its number of instances."""
     if loop.collection is not None:
-        found = loop.collection(variables)
-        if not isinstance(found, Iterable) or isinstance(found, str | bytes | Mapping):
-            raise TypeError(f"expected a list as collection, got {type(found).__name__}")
-        values = list(found)
+        collection = loop.collection(variables)
+        if not isinstance(collection, Iterable) or isinstance(collection, str | bytes | Mapping):
+            raise TypeError(f"expected a list as collection, got {type(collection).__name__}")
+        values = list(collection)
         return values, len(values)
     if loop.cardinality is None:
         return None, 0
     return None, whole_number(loop.cardinality(variables))
 
 
-def whole_number(found: Any) -> int:
+def whole_number(value: Any) -> int:
     """Return the number of instances for a cardinality, a number or digits. Raises ValueError for any other value."""
-    number = float(found) if isinstance(found, str) and found.strip().isdecimal() else found
+    number = float(value) if isinstance(value, str) and value.strip().isdecimal() else value
     try:
         if not isinstance(number, bool) and number >= 0 and int(number) == number:
             return int(number)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise ValueError(f"expected a whole number from 0 on as cardinality, got {reprlib.repr(found)}")
+    raise ValueError(f"expected a whole number from 0 on as cardinality, got {reprlib.repr(value)}")
 
 
 def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:

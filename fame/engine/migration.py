@@ -209,8 +209,8 @@ class _Migration:
         """Return the first node of an element in the new body of a scope."""
         body = self._scopes[parent]["body"]
         opener = self._node(body) if body else ""
-        found = self._new.body if opener == "" else self._new.by_key[opener].body if opener is not None else None
-        return found.entries[element].key if found is not None and element in found.entries else None
+        opened = self._new.body if opener == "" else self._new.by_key[opener].body if opener is not None else None
+        return opened.entries[element].key if opened is not None and element in opened.entries else None
 
     def _leave(self, item: Data, parent: int, begin: str) -> None:
         """Move a token, without the content of its activity, to another node of the new program."""
@@ -318,34 +318,34 @@ class _Migration:
         slots: dict[str, list[int]] = {}
         for slot, element in enumerate(self._new.elements):
             slots.setdefault(element, []).append(slot)
-        found = [0] * len(self._new.elements)
+        migrated = [0] * len(self._new.elements)
         for slot, element in enumerate(self._old.elements):
             places = slots.get(self._target(element), [])
             if slot and places:
-                found[places.pop(0)] = counts[slot]
-        return found
+                migrated[places.pop(0)] = counts[slot]
+        return migrated
 
     def _listeners(self, waits: list[Data], boxes: list[Data]) -> dict[str, list[int]]:
         """Return the listeners, in their old order, on the topics of the new program."""
         nodes = {item["key"]: self._new.by_key[item["node"]] for item in (*waits, *boxes)}
-        found: dict[str, list[int]] = {}
+        listeners: dict[str, list[int]] = {}
         for keys in self._data["listeners"].values():
             for key in keys:
                 node = nodes.get(key)
                 if node is not None and node.catch is not None:
-                    found.setdefault(node.catch.topic, []).append(key)
-        return found
+                    listeners.setdefault(node.catch.topic, []).append(key)
+        return listeners
 
     def _gathered(self) -> Data:
-        found: Data = {}
+        gathered: Data = {}
         for node, sets in self._data["gathered"].items():
             mapped = self._node(node)
             if mapped is not None:
-                found[mapped] = [
+                gathered[mapped] = [
                     [keys, [[key, message] for part, message in parts if (key := self._node(part))]]
                     for keys, parts in sets
                 ]
-        return found
+        return gathered
 
     def _variables(self, own: Data, outer: int | None) -> Data:
         renamed = {self._plan.rename.get(name, name): value for name, value in own.items()}

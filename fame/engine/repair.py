@@ -82,10 +82,10 @@ def _arm_again(engine: EngineState, wait: Wait) -> None:
 
 def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int | None = None) -> None:
     """Set variables of the running instances. Raises MissionError if none runs."""
-    found = [each for each in engine.instances.values() if instance in (None, each.key)]
-    if not found:
+    instances = [each for each in engine.instances.values() if instance in (None, each.key)]
+    if not instances:
         raise MissionError("no instance is running, so there are no variables to set", element=engine.program.process)
-    for each in found:
+    for each in instances:
         for name, value in values.items():
             each.root.variables[name] = value
 
@@ -138,8 +138,8 @@ def token_at(engine: EngineState, element: str) -> tuple[Wait | Scope, Scope]:
         scope = _around(token)
         assert scope is not None
         return token, scope
-    found = [token for instance in engine.instances.values() for token in _tokens(instance)]
-    there = sorted({token.node.id for token in found if token.node is not None})
+    tokens = [token for instance in engine.instances.values() for token in _tokens(instance)]
+    there = sorted({token.node.id for token in tokens if token.node is not None})
     raise MissionError(f"has no token; tokens are at: {', '.join(there) or 'none'}", element=element)
 
 

@@ -161,18 +161,18 @@ def kill(engine: EngineState, scope: Scope, *, notified: bool = True) -> Cancell
         notify_cancelled(engine, scope)
     cancelling: Cancelling = ()
     ended = [scope]
-    for each in ended:  # which grows
-        cancelling += each.cancelling
-        for inner in each.children:
+    for dying in ended:  # which grows
+        cancelling += dying.cancelling
+        for inner in dying.children:
             if inner.__class__ is Wait:
                 cancelling += cancel_wait(engine, inner)
             else:
                 assert isinstance(inner, Scope)
                 notify_cancelled(engine, inner)
                 ended.append(inner)
-        each.children = {}
-    for each in ended:
-        close_scope(engine, each)
+        dying.children = {}
+    for dying in ended:
+        close_scope(engine, dying)
     return cancelling
 
 
@@ -213,8 +213,8 @@ def proceed(engine: EngineState, node: Node, scope: Scope, cancelling: Cancellin
 
 def subtree(scope: Scope) -> list[Scope]:
     """Return a scope and all scopes in it, outer ones first."""
-    found, reached = [scope], 0
-    while reached < len(found):
-        found.extend(inner for inner in found[reached].children if isinstance(inner, Scope))
+    scopes, reached = [scope], 0
+    while reached < len(scopes):
+        scopes.extend(inner for inner in scopes[reached].children if isinstance(inner, Scope))
         reached += 1
-    return found
+    return scopes

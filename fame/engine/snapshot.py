@@ -68,8 +68,8 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
     boxes |= dict.fromkeys(wait.box for wait in waits if wait.box is not None)
     dicts = dicts or _Dicts()
     to = StateWriter(dicts, engine.program.body_keys, dump)
-    found = {"instances": engine.instances.values(), "scopes": scopes, "waits": waits, "boxes": boxes}
-    tables = {name: [write(item, to) for item in found[name]] for name, write in _write.items()}
+    objects = {"instances": engine.instances.values(), "scopes": scopes, "waits": waits, "boxes": boxes}
+    tables = {name: [write(item, to) for item in objects[name]] for name, write in _write.items()}
     return {**_once(engine, to), **tables, "variables": dicts.written(dump)}
 
 
@@ -119,11 +119,11 @@ def all_scopes(engine: Engine) -> list[Scope]:
 
 def all_waits(scopes: list[Scope]) -> list[Wait]:
     """Return every wait in some scopes, owners before the waits that are armed for them."""
-    found = [child for scope in scopes for child in scope.children if isinstance(child, Wait)]
-    found += [arm for scope in scopes for arm in scope.arms]
-    for wait in found:  # which grows
-        found += wait.arms
-    return found
+    waits = [child for scope in scopes for child in scope.children if isinstance(child, Wait)]
+    waits += [arm for scope in scopes for arm in scope.arms]
+    for wait in waits:  # which grows
+        waits += wait.arms
+    return waits
 
 
 # ---- from data -----------------------------------------------------------------------------------
@@ -188,18 +188,18 @@ class NodeFinder(dict[str, Node]):
             raise self._misses(lost)
 
     def __missing__(self, key: str) -> Node:
-        found = self._find(key, lambda node: True)
-        if found is None:
+        by_id = self._find(key, lambda node: True)
+        if by_id is None:
             raise self._misses([element_of(key)])
-        return found
+        return by_id
 
     def _find(self, key: str, fits: Callable[[Node], object]) -> Node | None:
         """Return the only node of an element that fits, and note it."""
-        found = [node for node in self._nodes if node.id == element_of(key) and fits(node)]
-        if len(found) != 1:
+        nodes = [node for node in self._nodes if node.id == element_of(key) and fits(node)]
+        if len(nodes) != 1:
             return None
-        self[key], self._moved[key] = found[0], found[0].key
-        return found[0]
+        self[key], self._moved[key] = nodes[0], nodes[0].key
+        return nodes[0]
 
     def _misses(self, elements: Iterable[str]) -> MissionError:
         return MissionError(
@@ -214,12 +214,12 @@ def element_of(key: str) -> str:
 
 
 def _dicts(data: Data, new_variables: Callable[[], dict[str, Any]], load: Convert) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
+    dicts: list[dict[str, Any]] = []
     for item in data["variables"]:
         own = {name: decode(value, load) for name, value in item["own"].items()}
         outer = item["outer"]
-        found.append({**new_variables(), **own} if outer is None else Variables(found[outer], own))
-    return found
+        dicts.append({**new_variables(), **own} if outer is None else Variables(dicts[outer], own))
+    return dicts
 
 
 def _objects(data: Data, of: Reader) -> None:

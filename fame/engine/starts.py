@@ -140,12 +140,12 @@ def make(context: ScopeCompiler) -> None:
 def _ways_in(context: ScopeCompiler, element: model.FlowNode) -> list[Node]:
     """Return the triggers by which an element starts the process."""
     if element.place == "start":
-        found = context.triggers.get(element.id, [])
-        for node in found:
+        nodes = context.triggers.get(element.id, [])
+        for node in nodes:
             if node.catch is None:
                 context.refuse(f"{node.spec.kind} events cannot start a process", element)
             node.spec = Start()
-        return found
+        return nodes
     if isinstance(element, model.Gateway) and instantiates(element):
         if not element.all_events:
             _keep_nothing(context, [context.flows[id].target for id in element.outgoing])

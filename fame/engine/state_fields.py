@@ -106,8 +106,8 @@ def _write_held(held: tuple[list[Any], list[Any]], to: StateWriter) -> Any:
     return [[item.key for item in items if item.alive] for items in held]
 
 
-def _write_continuations(found: Mapping[int, Continuation], to: StateWriter) -> Any:
-    return [{"node": item.node.key, "scope": item.scope.key} for item in dict.fromkeys(found.values())]
+def _write_continuations(continuations: Mapping[int, Continuation], to: StateWriter) -> Any:
+    return [{"node": item.node.key, "scope": item.scope.key} for item in dict.fromkeys(continuations.values())]
 
 
 def _read_continuations(data: list[Any], of: Reader) -> dict[int, Any]:
@@ -189,8 +189,8 @@ def writing(table: FieldTable) -> Callable[[Any, StateWriter], Data]:
     def write(item: Any, to: StateWriter) -> Data:
         data = dict(zip(names, values(item)))  # noqa: B905  # fast: called for each token after each stimulus
         for name in references:
-            if (found := data[name]) is not None:
-                data[name] = found.key
+            if (holder := data[name]) is not None:
+                data[name] = holder.key
         for name, convert, empty in others:
             value = data[name]
             if value or (value is not None and empty is None):
@@ -208,7 +208,7 @@ def reading(table: FieldTable) -> Callable[[Any, Data, Reader], None]:
 
     def read(item: Any, data: Data, of: Reader) -> None:
         for field, name, convert in kinds:
-            found = data[name]
-            setattr(item, field, None if found is None else convert(found, of))
+            written = data[name]
+            setattr(item, field, None if written is None else convert(written, of))
 
     return read

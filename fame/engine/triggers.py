@@ -131,11 +131,11 @@ def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic:
 
 def keep_queue(context: ScopeCompiler, node: Node) -> None:
     """Register an event with a queue, or its parts: it keeps messages from the start of its scope."""
-    for each in (node, *node.catch.parts) if node.catch is not None else ():
-        if each.catch is not None and each.catch.queue:
-            context.queued.append(each)
-            if each.catch.trigger is waiting.MESSAGE:
-                context.compiler.program.shared.add(each.catch.topic)
+    for part in (node, *node.catch.parts) if node.catch is not None else ():
+        if part.catch is not None and part.catch.queue:
+            context.queued.append(part)
+            if part.catch.trigger is waiting.MESSAGE:
+                context.compiler.program.shared.add(part.catch.topic)
 
 
 def queue_of(context: ScopeCompiler, choice: Node, catch: Catch) -> Node | None:

@@ -128,10 +128,10 @@ def take_kept(engine: EngineState, wait: Wait) -> None:
     is_alternative = isinstance(owner, Wait) and owner.catch.trigger is NO_TRIGGER
     while wait.alive and not wait.paused:
         rivals = owner.arms if is_alternative and isinstance(owner, Wait) else (wait,)
-        found = [(kept, box, rival) for rival in rivals for kept, box in _kept_for(engine, rival)]
-        if not found:
+        candidates = [(kept, box, rival) for rival in rivals for kept, box in _kept_for(engine, rival)]
+        if not candidates:
             return
-        kept, box, taker = min(found, key=lambda item: item[0][0])
+        kept, box, taker = min(candidates, key=lambda item: item[0][0])
         box.messages.remove(kept)
         if box.catch.trigger is MESSAGE:
             engine.untaken[box.catch.topic] -= 1

@@ -92,9 +92,9 @@ class AcknowledgedSignals:
     def _subscribe(self, topic: str, on_message: Callable[[Mapping[str, Any]], object]) -> None:
         def read(message: AnyMessage) -> None:
             try:
-                found = read_json(message.data, _LONGEST)
+                content = read_json(message.data, _LONGEST)
                 if self._begun:
-                    on_message(found)
+                    on_message(content)
             except (ValueError, TypeError, KeyError, AttributeError, MessageError) as error:
                 self._node.host.report("", f"{topic}: a message cannot be read: {error}")
 
@@ -166,10 +166,10 @@ class AcknowledgedSignals:
             if any(state.owed(receiver))
         ]
 
-    def _on_answer(self, name: str, found: Mapping[str, Any]) -> None:
+    def _on_answer(self, name: str, content: Mapping[str, Any]) -> None:
         event = Answered(
-            _text(found["robot"]), _text(found["life"]), _text(found["sender"]), _number(found["number"]),
-            found.get("left") is True,
+            _text(content["robot"]), _text(content["life"]), _text(content["sender"]), _number(content["number"]),
+            content.get("left") is True,
         )  # fmt: skip
         self._handle(name, event)
 
@@ -178,8 +178,8 @@ class AcknowledgedSignals:
         for action in actions:
             match action:
                 case Transmit(robot, life, follows, signal):
-                    found = {"receiver": life, "follows": follows, "number": signal.number, "data": signal.data}
-                    self._leave(_signals(name, robot), self._own(name, found))
+                    content = {"receiver": life, "follows": follows, "number": signal.number, "data": signal.data}
+                    self._leave(_signals(name, robot), self._own(name, content))
                 case AskReceiver(robot):
                     self._leave(_signals(name, robot), self._own(name, {}))
                 case Expired(robot, signals):
@@ -189,9 +189,9 @@ class AcknowledgedSignals:
         if state.is_busy and awaits and (self._timer is None or self._timer.action is None):
             self._timer = scheduler.after(_TICK, self._on_timer, Kind.TIMER)
 
-    def _own(self, name: str, found: Mapping[str, Any]) -> dict[str, Any]:
+    def _own(self, name: str, content: Mapping[str, Any]) -> dict[str, Any]:
         sequence = self._membership.sequence
-        return {"robot": self._node.namespace, "life": self.outgoing[name].life, "sequence": sequence, **found}
+        return {"robot": self._node.namespace, "life": self.outgoing[name].life, "sequence": sequence, **content}
 
     def _on_timer(self) -> None:
         for name, state in self.outgoing.items():
@@ -215,12 +215,12 @@ class AcknowledgedSignals:
 
     # ---- what it catches ---------------------------------------------------------------------------------------------
 
-    def _on_signal(self, name: str, found: Mapping[str, Any]) -> None:
+    def _on_signal(self, name: str, content: Mapping[str, Any]) -> None:
         event = SignalReceived(
-            _text(found["robot"]), _text(found["life"]), _text(found.get("receiver", "")),
-            _number(found.get("follows", 0)), _number(found.get("number", 0)), _text(found.get("data", "")),
+            _text(content["robot"]), _text(content["life"]), _text(content.get("receiver", "")),
+            _number(content.get("follows", 0)), _number(content.get("number", 0)), _text(content.get("data", "")),
         )  # fmt: skip
-        if event.robot in self._membership.team and _number(found["sequence"]) < self._membership.sequence:
+        if event.robot in self._membership.team and _number(content["sequence"]) < self._membership.sequence:
             return  # a process that is being replaced, together with the one of before
         message = codec.deserialize(b64decode(event.data), self._types[name]) if event.number else None
         self.incoming[name], actions = step_incoming(self.incoming[name], event)
@@ -231,16 +231,16 @@ class AcknowledgedSignals:
                 self._answer(name, action)
 
     def _answer(self, name: str, answer: Answer, *, left: bool = False) -> None:
-        found = {
+        content = {
             "robot": self._node.namespace, "life": self.incoming[name].life, "sender": answer.life,
             "number": answer.number, "left": left,
         }  # fmt: skip
-        self._leave(_answers(name, answer.robot), found)
+        self._leave(_answers(name, answer.robot), content)
 
-    def _leave(self, topic: str, found: Mapping[str, Any]) -> None:
+    def _leave(self, topic: str, content: Mapping[str, Any]) -> None:
         """Send a message, as soon as what has led to it is on the disk."""
         publisher = self._publisher(topic)
-        send = partial(publisher.publish, messages.create(_STRING, orjson.dumps(found).decode()))
+        send = partial(publisher.publish, messages.create(_STRING, orjson.dumps(content).decode()))
         if self._node.host.recorder is None:
             send()
         else:

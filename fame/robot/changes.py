@@ -188,9 +188,9 @@ class _ScopeVariables:
                 continue
             if is_changeable(value):
                 self._contents[name] = content_of(value)
-            found, key = encoded(value)
+            plain, key = encoded(value)
             if known != key:
-                shown[name], fresh[name] = key, found
+                shown[name], fresh[name] = key, plain
         for name in gone:
             del shown[name]
         return ({"set": fresh} if fresh else {}) | ({"unset": gone} if gone else {})

@@ -118,10 +118,10 @@ class EngineHost:
             require(*SERVICES[operation].packages)
             return compile_service(load(SERVICES[operation].start), self._service_context(element))
         processes = (process for home, process in self._mission.processes() if home.file == file)
-        found = ros_service_task(processes, element)
-        if found is not None:
-            self._asks.append((found[1], file))
-            return call_service(*found, file=file, compile=self.compile)
+        task = ros_service_task(processes, element)
+        if task is not None:
+            self._asks.append((task[1], file))
+            return call_service(*task, file=file, compile=self.compile)
         known = ", ".join(sorted(services) or sorted({*SERVICES, *starts}))
         raise ModelError(f"unknown service {operation!r}; known are: {known}", file=file, element=element)
 

@@ -79,10 +79,10 @@ class SegmentContents:
             return self._next(file)
 
     def _next(self, file: BinaryIO) -> JournalRecord:
-        found = _parsed(file.readline(_LONGEST), _seed(str(self.header["journal"])))
-        if found is None:
+        record = _parsed(file.readline(_LONGEST), _seed(str(self.header["journal"])))
+        if record is None:
             raise ConfigError("has changed while it was read", file=str(self.path))
-        return found
+        return record
 
 
 # ---- reading ---------------------------------------------------------------------------------------------------------
@@ -254,8 +254,8 @@ class StateDirectory:
 
     def segments(self) -> list[Path]:
         """Return the segments, oldest first. Raises OSError."""
-        found = [item for item in self.files(_PREFIX) if item.name.removeprefix(_PREFIX).isdigit()]
-        return sorted(found, key=lambda item: int(item.name.removeprefix(_PREFIX)))
+        segments = [item for item in self.files(_PREFIX) if item.name.removeprefix(_PREFIX).isdigit()]
+        return sorted(segments, key=lambda item: int(item.name.removeprefix(_PREFIX)))
 
     def read(self) -> SegmentContents | None:
         """Return the newest segment, None without one. Raises ConfigError as `read_segment` does."""
@@ -264,13 +264,13 @@ class StateDirectory:
 
     def set_aside(self) -> Path | None:
         """Move an old state into a folder ``old-N`` inside the directory. Returns the folder, None without a state."""
-        found = [item for item in self.files("") if item.name != "lock" and not item.name.startswith("old-")]
-        if not found:
+        files = [item for item in self.files("") if item.name != "lock" and not item.name.startswith("old-")]
+        if not files:
             return None
         numbers = [int(item.name[4:]) for item in self.files("old-") if item.name[4:].isdigit()]
         folder = self.path / f"old-{max(numbers, default=0) + 1}"
         self.disk.make_directory(folder)
-        for item in found:
+        for item in files:
             self.disk.rename(item, folder / item.name)
         self.disk.sync_directory(self.path)
         return folder
@@ -327,15 +327,15 @@ class Journal:
 
     @classmethod
     def resume(
-        cls, directory: StateDirectory, found: SegmentContents, worker: Callable[[], Worker] = Worker
+        cls, directory: StateDirectory, contents: SegmentContents, worker: Callable[[], Worker] = Worker
     ) -> Journal:
         """Continue after the undamaged lines of the newest segment. Raises OSError."""
-        journal = cls(directory, found.header, worker)
-        journal.header = found.header
-        journal._seed = _seed(found.header["journal"])
-        file = directory.disk.write(found.path, new=False)
-        journal._open(file, found.number, found.end, found.first)
-        file.truncate(found.end)
+        journal = cls(directory, contents.header, worker)
+        journal.header = contents.header
+        journal._seed = _seed(contents.header["journal"])
+        file = directory.disk.write(contents.path, new=False)
+        journal._open(file, contents.number, contents.end, contents.first)
+        file.truncate(contents.end)
         file.sync()
         return journal
 

@@ -72,13 +72,13 @@ class Mission:
     def retries(self) -> Mapping[str, Retry]:
         """Return the property ``retry`` of each element that has it: what becomes of a request
         whose fate is unknown."""
-        found = {node.id: node.properties.get("retry") for _, node in self.flow_nodes()}
-        return {element: retry for element, retry in found.items() if retry in RETRIES}
+        texts = {node.id: node.properties.get("retry") for _, node in self.flow_nodes()}
+        return {element: retry for element, retry in texts.items() if retry in RETRIES}
 
     def missed(self) -> Mapping[str, Missed]:
         """Return the property ``missed`` of each element that has it: what becomes of a timer missed by its engine."""
-        found = {node.id: node.properties.get("missed") for _, node in self.flow_nodes()}
-        return {element: missed for element, missed in found.items() if missed in MISSED}
+        texts = {node.id: node.properties.get("missed") for _, node in self.flow_nodes()}
+        return {element: missed for element, missed in texts.items() if missed in MISSED}
 
     def scripts(self) -> Iterator[Expression]:
         """Return the texts of all its script tasks."""
@@ -112,8 +112,8 @@ def expressions_of(part: Any) -> Iterator[Expression]:
     if isinstance(part, Expression):
         yield part
     elif is_dataclass(part):
-        for each in fields(part):
-            yield from expressions_of(getattr(part, each.name))
+        for field in fields(part):
+            yield from expressions_of(getattr(part, field.name))
     elif isinstance(part, Mapping):
         for item in part.values():
             yield from expressions_of(item)

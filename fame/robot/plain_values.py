@@ -54,23 +54,23 @@ def encoded(value: Any) -> tuple[Any, object]:
     that the JSON is the same."""
     text = _message_json(value) if isinstance(value, Message) else None
     if text is None or len(text) > SIZE:
-        found, key = _plain_and_text(value)
+        plain, key = _plain_and_text(value)
         if not isinstance(key, bytes):
-            return found, key
+            return plain, key
         text = key
     return json_fragment(text), text
 
 
 def _plain_and_text(value: Any) -> tuple[Any, object]:
-    found = _encode(value, _DEPTH)
-    kind = found.__class__
+    plain = _encode(value, _DEPTH)
+    kind = plain.__class__
     if kind is not dict and kind is not list:
-        return found, found if kind is float else (kind, found)
-    text = json_bytes(found)
+        return plain, plain if kind is float else (kind, plain)
+    text = json_bytes(plain)
     if len(text) > SIZE and (characters := len(text.decode())) > SIZE:
-        found = _cut(f"{type(value).__name__} of {characters} characters")
-        text = json_bytes(found)
-    return found, text
+        plain = _cut(f"{type(value).__name__} of {characters} characters")
+        text = json_bytes(plain)
+    return plain, text
 
 
 def is_changeable(value: Any) -> bool:
@@ -172,8 +172,8 @@ def _array(value: Any, depth: int) -> Any:
 def _mapping(items: Iterable[tuple[Any, Any]], kind: str, size: int, depth: int) -> dict[str, Any]:
     if depth == 0:
         return _cut(f"{kind} of {size}")
-    found = {str(key): _encode(item, depth - 1) for key, item in islice(items, ITEMS * 4) if is_data("", item)}
-    return found if size <= ITEMS * 4 else _cut(f"{kind} of {size}", found)
+    shown = {str(key): _encode(item, depth - 1) for key, item in islice(items, ITEMS * 4) if is_data("", item)}
+    return shown if size <= ITEMS * 4 else _cut(f"{kind} of {size}", shown)
 
 
 def _object(value: Any, depth: int) -> dict[str, Any]:
@@ -187,8 +187,8 @@ def _object(value: Any, depth: int) -> dict[str, Any]:
 def _message(value: Any, depth: int) -> dict[str, Any]:
     text = _message_json(value)
     if text is not None:
-        found: dict[str, Any] = orjson.loads(text)
-        return found
+        content: dict[str, Any] = orjson.loads(text)
+        return content
     fields = _message_fields(value.__msgtype__)
     if depth == 0:
         return _cut(f"{value.__class__.__name__} of {len(fields)}")

@@ -159,8 +159,8 @@ def _outputs(task: Task, topic: Topic, objects: list[DataObject], response: Any)
     if kept:
         return kept
     name = variable_name(topic.name)
-    found = match([name for item in objects for name in item.names], name, response)
-    return {name: _field(response, path) for name, path in found.items()} or {name: response}
+    paths = match([name for item in objects for name in item.names], name, response)
+    return {name: _field(response, path) for name, path in paths.items()} or {name: response}
 
 
 def _field(response: Any, path: tuple[str, ...]) -> Any:

@@ -312,7 +312,7 @@ def slots_of(elements: Sequence[str], program: Program) -> Mapping[int, int]:
     slots: dict[str, list[int]] = {}
     for slot, element in enumerate(program.elements):
         slots.setdefault(element, []).append(slot)
-    return {old: found.pop(0) for old, element in enumerate(elements) if (found := slots.get(element))}
+    return {old: left.pop(0) for old, element in enumerate(elements) if (left := slots.get(element))}
 
 
 def _renumbered(record: list[Any], numbers: Mapping[int, int]) -> list[Any]:

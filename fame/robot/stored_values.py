@@ -99,10 +99,10 @@ def dump(value: Any) -> Any:
 
 def _is_offered(value: Any) -> bool:
     """Whether a module offers a function or class under its name."""
-    found: Any = sys.modules.get(getattr(value, "__module__", None) or "")
+    offered: Any = sys.modules.get(getattr(value, "__module__", None) or "")
     for name in getattr(value, "__qualname__", "<>").split("."):
-        found = getattr(found, name, None)
-    return found is value
+        offered = getattr(offered, name, None)
+    return offered is value
 
 
 class Loader:
@@ -123,22 +123,22 @@ class Loader:
         if "array" in data:
             import numpy
 
-            kind, found = data["type"], data["array"]
-            if isinstance(found, str):
-                return numpy.frombuffer(b64decode(found), dtype=kind).reshape(data["shape"]).copy()
-            return numpy.array(found, dtype=kind).reshape(data["shape"])
+            kind, content = data["type"], data["array"]
+            if isinstance(content, str):
+                return numpy.frombuffer(b64decode(content), dtype=kind).reshape(data["shape"]).copy()
+            return numpy.array(content, dtype=kind).reshape(data["shape"])
         return self._import(data["module"], data.get("name", ""))
 
     def _import(self, module: str, name: str) -> Any:
         if module.partition(".")[0] not in self._packages:
             raise MissionError(f"the state refers to module {module}, which no script of the model imports")
         try:
-            found: Any = import_module(module)
+            imported: Any = import_module(module)
             for part in name.split(".") if name else ():
-                found = getattr(found, part)
+                imported = getattr(imported, part)
         except (ImportError, AttributeError) as error:
             raise MissionError(f"{module} {name}: cannot be imported again: {error}") from error
-        return found
+        return imported
 
 
 def refuse_unstorable(mission: Mission) -> None:
@@ -152,15 +152,15 @@ def refuse_unstorable(mission: Mission) -> None:
 
 
 def _left_behind(script: Expression, others: Sequence[Expression]) -> Iterator[str]:
-    found = effects_of(script, script=True)
-    if found.calls is not None:
-        if found.calls.subscribes and not found.calls.destroys:
+    effects = effects_of(script, script=True)
+    if effects.calls is not None:
+        if effects.calls.subscribes and not effects.calls.destroys:
             yield "creates a subscription that is still there when the script is over"
-        if not found.calls.next and re.search(r"\bsetTimeout\s*\(", script.text):
+        if not effects.calls.next and re.search(r"\bsetTimeout\s*\(", script.text):
             yield "sets a timer whose callback runs when the script is over"
-        functions = found.sets & _functions_in_javascript(script.text)
+        functions = effects.sets & _functions_in_javascript(script.text)
     else:
-        functions = found.code - found.imports.keys() - {"*"}
+        functions = effects.code - effects.imports.keys() - {"*"}
     for name in sorted(functions):
         if any(_uses(other, name) for other in others):
             yield f"defines {name!r}, a function or class that later steps use"
