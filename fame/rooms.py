@@ -173,6 +173,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "splitter": "fame.cli.deployment:add_splitter",
         "router": "fame.cli.router:add",
         "status": "fame.cli.robots:add_status",
+        "inventory": "fame.cli.inventory:add",
         **dict.fromkeys(
             (
                 "complete",

@@ -271,6 +271,20 @@ def test_a_mission_that_fails_after_its_start_is_told_by_the_command_that_deploy
     assert (code, said["status"], said["failures"]) == (0, "completed", {}), said
 
 
+def test_a_mission_that_does_not_end_in_time_gives_way_to_what_ran_before(tmp_path, team):
+    for name in ("before", "after"):
+        (tmp_path / f"{name}.bpmn").write_text(waiting(name))
+    assert team.fame("deploy", str(tmp_path / "before.bpmn"))[0] == 0
+    code, said = team.fame("deploy", str(tmp_path / "after.bpmn"), "--rollback-unless-ended", "1")
+    assert (code, said["status"], said["rolled_back"]["A"]["state"]) == (1, "failed", "started"), said
+    team.until(lambda: team.at("A") == ["before"], "what ran before")
+    code, listed = team.fame("inventory")
+    assert (code, set(listed["robots"])) == (0, set(listed["robots"]) | {"A"})
+    code, said = team.fame("deploy", "--previous", "--to", "A")
+    assert (code, said["robots"]["A"]["state"]) == (0, "started"), said
+    team.until(lambda: team.at("A") == ["after"], "what was rolled back")
+
+
 def test_what_is_no_model_is_refused_by_a_robot_that_goes_on_as_it_was(team):
     topic = "/A/bpmn_process"
     team.publish("A", waiting("here"))

@@ -3,7 +3,7 @@
 import json
 import os
 import stat
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +16,7 @@ import fame
 from fame.cli import main
 from fame.deploy import STRING
 from fame.deploy.authentication import ReportReader
+from fame.deploy.fields import values
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import FRESH, Identity, new_keys, read_private, read_trusted, sign, verify
 from fame.errors import ConfigError
@@ -130,7 +131,7 @@ def test_a_replayed_envelope_of_another_robot_is_refused(keys):
     field = Guarded(keys[1], "A", "B")
     sent = field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
     envelope = replace(sent.envelopes["A"], issued=NOW)
-    field.send("B", replace(envelope, signature=sign(asdict(envelope), keys[0])).to_json())
+    field.send("B", replace(envelope, signature=sign(values(envelope), keys[0])).to_json())
     field.pass_time(0.1)
     assert "meant for robot 'A'" in field.said[-1].reason
 
@@ -157,7 +158,7 @@ def test_no_word_of_the_protocol_counts_that_was_not_signed(keys):
     sent = made(field, TEAM.replace('name="go"', 'name="~/go"'), "d1", 1)
     engine = field.engines["A"]
     envelope = replace(sent.envelopes["A"], issued=NOW, born=engine.born)
-    field.send("A", replace(envelope, signature=sign(asdict(envelope), keys[0])).to_json())
+    field.send("A", replace(envelope, signature=sign(values(envelope), keys[0])).to_json())
     field.pass_time(0.1)
     assert engine.state == "ready"
     for phase in ("start", "abort", "hold"):

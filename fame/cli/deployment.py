@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.cli import migration
 from fame.cli.arguments import (
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from fame.bpmn.pools import Pool
     from fame.clock import WallScheduler
     from fame.deploy import Deployment, SplitterNode
+    from fame.deploy.options import DeploymentOptions
     from fame.middleware.interface import Middleware
 
 
@@ -46,12 +47,18 @@ def add_deploy(commands: Commands) -> None:
         "fame deploy models/reassembly.bpmn --to Arm --until-ended",
         "fame deploy new.bpmn --migrate --dry-run",
         "fame deploy new.bpmn --migrate --plan new.plan.yaml",
+        "fame deploy new.bpmn --rollback-unless-ended 60",
+        "fame deploy --previous",
     )
     parser = command(
         commands, "deploy", run_deploy, examples=examples,
         help="split a model and send it to the engines of its robots; all start, or none",
     )  # fmt: skip
-    parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
+    parser.add_argument("model", type=Path, nargs="?", metavar="MODEL.bpmn")
+    parser.add_argument(
+        "--previous", action="store_true",
+        help="instead of a model: what the robots ran before, which they keep; all start it, or none",
+    )  # fmt: skip
     parser.add_argument(
         "--to", action="append", default=[], metavar="ROBOT", help="send to this robot only; repeatable"
     )
@@ -61,6 +68,11 @@ def add_deploy(commands: Commands) -> None:
     parser.add_argument(
         "--until-ended", action="store_true",
         help="wait until the mission has ended on all robots; print what fails; exit code 1 if it failed",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rollback-unless-ended", type=positive, metavar="S",
+        help="unless the mission has ended on all robots after S s, without a failure, deploy what they ran before; "
+        "exit code 1 then",
     )  # fmt: skip
     migration.add_options(parser)
     _add_wait(parser)
@@ -79,6 +91,8 @@ def add_deploy(commands: Commands) -> None:
     add_json(parser)
 
 
+_FINDING = 2.0
+"""How long robots are looked for that are not named (s)."""
 _AT_ONCE = 0.5
 """How long a mission is watched that may fail as soon as it has started (s)."""
 
@@ -101,10 +115,14 @@ def run_deploy(arguments: Namespace) -> int:
     from fame.middleware.wire_base import load_of_machine
     from fame.scenario import Sending
 
+    if arguments.previous or arguments.model is None:
+        return _deploy_previous(arguments)
     if arguments.allow_partial and not (arguments.explore or arguments.migrate):
         raise ConfigError("--allow-partial needs --explore or --migrate")
-    if arguments.until_ended and (arguments.stay or arguments.dry_run):
-        raise ConfigError(f"--until-ended cannot be given with {'--stay' if arguments.stay else '--dry-run'}")
+    limit: float | None = arguments.rollback_unless_ended
+    if (arguments.until_ended or limit) and (arguments.stay or arguments.dry_run):
+        option = "--until-ended" if arguments.until_ended else "--rollback-unless-ended"
+        raise ConfigError(f"{option} cannot be given with {'--stay' if arguments.stay else '--dry-run'}")
     definitions, library = read(arguments.model), Library(arguments.library)
     migrated = migration.Migration(arguments, definitions, library)
     key = private_key(arguments)
@@ -132,13 +150,75 @@ def run_deploy(arguments: Namespace) -> int:
         if not arguments.json:
             _print_outcome(deployment, migrated)
         if not deployment.failed:
-            failures = sending.watch(deployment, note, None if arguments.until_ended else _AT_ONCE)
+            watched = limit or (None if arguments.until_ended else _AT_ONCE)
+            failures = sending.watch(deployment, note, watched)
+        rolled_back = None
+        if limit and not deployment.failed and (failures or not sending.over):
+            rolled_back = _roll_back(deployment, options, limit, failures)
         if arguments.json:
-            _print_json(deployment, migrated, failures)
+            _print_json(deployment, migrated, failures, rolled_back)
         if arguments.stay and deployment.started:  # a robot that has died meanwhile comes late
             deployment.close()
             sending.stay(deployment.started, note)
-    return migrated.exit_code(deployment) or bool(failures)
+    return migrated.exit_code(deployment) or bool(failures) or rolled_back is not None
+
+
+def _roll_back(
+    deployment: Deployment, options: DeploymentOptions, seconds: float, failures: Mapping[str, str]
+) -> Deployment:
+    """Deploy what the robots ran before. Raises DeploymentError if that is not possible."""
+    from fame.scenario.deployment import deploy_previous
+
+    note(f"{'it has failed' if failures else f'it has not ended within {seconds:g} s'}: back to what ran before")
+    for robot, report in deployment.reports.items():
+        if report.deployed != deployment.id:
+            raise DeploymentError(f"not rolled back: {robot} runs another deployment by now, {report.deployed}")
+    deployment.close()
+    try:
+        back = deploy_previous(deployment.told, deployment.scheduler, deployment.middleware, options, any_of=True)
+    except DeploymentError as error:
+        raise DeploymentError(f"not rolled back: {error}") from None
+    for line in _outcome(back):
+        note(line)
+    return back
+
+
+def _deploy_previous(arguments: Namespace) -> int:
+    """Deploy what robots ran before, and print how each answered."""
+    from fame.cli.network import wait_until
+    from fame.cli.robots import subscribe_reports
+    from fame.deploy import engines
+    from fame.deploy.options import DeploymentOptions
+    from fame.middleware.wire_base import load_of_machine
+    from fame.scenario.deployment import deploy_previous
+
+    if not arguments.previous or arguments.model is not None:
+        raise ConfigError("expected either MODEL.bpmn or --previous")
+    for name in ("stay", "until_ended", "migrate", "plan", "dry_run", "explore", "rollback_unless_ended"):
+        if getattr(arguments, name):
+            raise ConfigError(f"--{name.replace('_', '-')} cannot be given with --previous")
+    key = private_key(arguments)
+    wanted = set(arguments.to)
+    with connected(arguments) as (scheduler, middleware):
+        options = DeploymentOptions(patience=arguments.wait, load=load_of_machine(), key=key, who=person())
+        patience = options.patience_of(len(wanted))
+        wait_until(scheduler, lambda: wanted and wanted <= set(engines(middleware)), patience if wanted else _FINDING)
+        robots = arguments.to or engines(middleware)
+        if missing := sorted(wanted - set(engines(middleware))) or ([] if robots else ["any robot"]):
+            raise DeploymentError(f"no engine of {', '.join(missing)} was found within {patience:g} s")
+        trusted = [key.public_key()] if key is not None else []
+        node = middleware.node("_fame_previous")
+        reports, _, strange = subscribe_reports(node, robots, trusted)
+        wait_until(scheduler, lambda: all(robot in reports and reports[robot].said for robot in robots), patience)
+        for robot in sorted(set(robots) - reports.keys()):
+            raise DeploymentError(strange.get(robot) or f"{robot} is silent")
+        node.close()
+        deployment = deploy_previous(reports, scheduler, middleware, options, any_of=bool(wanted))
+        if arguments.json:
+            print_json({"status": "failed" if deployment.failed else "completed", "robots": _results(deployment)})
+        else:
+            print("\n".join(_outcome(deployment)))
+    return int(deployment.failed)
 
 
 def _refuse_unexplored(definitions: Definitions, library: Library, found: Mapping[str, Pool], *, partial: bool) -> None:
@@ -162,23 +242,35 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
         note(result.partly())
 
 
-def _print_outcome(deployment: Deployment, migrated: migration.Migration) -> None:
+def _outcome(deployment: Deployment) -> list[str]:
+    """A table of how each robot answered, as lines."""
     rows = [
         (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
         for each in deployment.robots.values()
     ]
-    print(table(("robot", "state", "time", "reason"), rows), flush=True)
+    return table(("robot", "state", "time", "reason"), rows).splitlines()
+
+
+def _print_outcome(deployment: Deployment, migrated: migration.Migration) -> None:
+    print("\n".join(_outcome(deployment)), flush=True)
     migrated.explain(deployment)
 
 
-def _print_json(deployment: Deployment, migrated: migration.Migration, failures: Mapping[str, str]) -> None:
-    results = {
+def _results(deployment: Deployment) -> dict[str, Any]:
+    """How each robot answered, for --json."""
+    return {
         each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took}
         for each in deployment.robots.values()
     }
+
+
+def _print_json(
+    deployment: Deployment, migrated: migration.Migration, failures: Mapping[str, str], rolled_back: Deployment | None
+) -> None:
+    back = {} if rolled_back is None else {"rolled_back": _results(rolled_back)}
     found = {"findings": migrated.findings()} if migrated.is_explored else {}
-    status = "failed" if failures else migrated.status(deployment)
-    print_json({"status": status, "robots": results, "failures": dict(failures), **found})
+    status = "failed" if failures or rolled_back is not None else migrated.status(deployment)
+    print_json({"status": status, "robots": _results(deployment), "failures": dict(failures), **found, **back})
 
 
 def add_splitter(commands: Commands) -> None:

@@ -9,8 +9,6 @@ import subprocess
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import closing
-from datetime import UTC, datetime
-from functools import partial
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -28,6 +26,7 @@ from fame.cli.arguments import (
     trusted_keys,
 )
 from fame.cli.installation import Finding, extras, loopback, router_port, shared_memory
+from fame.cli.inventory import ask_times
 from fame.cli.network import add_network, connected, interface_of, wait_until
 from fame.cli.output import note, print_json
 from fame.cli.robots import subscribe_reports
@@ -48,8 +47,6 @@ _FREE = 100_000_000
 """Bytes that a folder of states needs at least."""
 _APART = 0.1
 """Seconds that the clock of a robot may be apart from this one: dates of timers and bounds of properties read both."""
-_ROUNDS = 1.5
-"""For how long robots are asked for their time and their state (s)."""
 _NET = Path("/sys/class/net")
 _RECEIVED = Path("/proc/sys/net/core/rmem_max")
 _LOOPBACK, _MULTICAST = 0x8, 0x1000  # IFF_LOOPBACK, IFF_MULTICAST of <linux/if.h>
@@ -305,24 +302,12 @@ class _Team:
 
     def _ask(self, robots: list[str]) -> None:
         """Listen to the reports of robots, and ask them for their time."""
-        from fame.clock import SECOND
-        from fame.log.clocks import ClockQuestions
-        from fame.log.live_team import now_since
-
-        node, begun = self._middleware.node("_fame_doctor"), datetime.now(UTC)
+        node = self._middleware.node("_fame_doctor")
         self._reports, self._rivals, self._strange = subscribe_reports(node, robots, self._trusted)
-
-        def on_answer(robot: str, answer: ClockAnswer) -> None:
-            if robot not in self._answers or answer.trip < self._answers[robot].trip:
-                self._answers[robot] = answer
-
-        now = partial(now_since, begun)
-        with ClockQuestions(node, self._scheduler, lambda: robots, now, lambda: begun, on_answer):
-            self._scheduler.run(self._scheduler.now + round(_ROUNDS * SECOND))
-            everyone = set(robots)
-            wait_until(
-                self._scheduler, lambda: self._reports.keys() & self._answers.keys() >= everyone, self._arguments.wait
-            )
+        everyone = set(robots)
+        self._answers = ask_times(
+            node, self._scheduler, robots, lambda: self._reports.keys() >= everyone, self._arguments.wait
+        )
 
     def _robot(self, robot: str) -> Iterator[Finding]:
         report, answer = self._reports.get(robot), self._answers.get(robot)

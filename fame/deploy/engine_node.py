@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import shutil
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -23,6 +26,7 @@ from fame.deploy.envelope import (
     engines,
     read_envelope,
 )
+from fame.deploy.history import History
 from fame.deploy.lifecycle import Lifecycle
 from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
 from fame.deploy.machine import ProtocolMachine, unexpected
@@ -126,6 +130,7 @@ class EngineNode:
         self.candidate: LoadedCandidate | None = None
         self._loaded: RobotNode | None = None  # on its way to be a candidate
         self._foreseen = "", Foreseen()  # deployment, and what would become of what runs
+        self._history = History()
         self._before = ""  # the hash of the model that runs
         self._anew = ""  # why a candidate did not take over what ran
         self._keeper: StateKeeper | None = None
@@ -178,7 +183,7 @@ class EngineNode:
             kind: RateLimiter(self.scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
         self._failures = RateLimiter(self.scheduler, partial(self._note, kind="answer"))
-        self._clock_server = ClockServer(self.node, lambda: self._time.now, self._options.epoch)
+        self._clock_server = ClockServer(self.node, lambda: self._time.now, self._options.epoch, self._machine)
         self._lifecycle: Lifecycle | None = None
         if self._options.lifecycle:
             acts = {"configure": self._expect_process, "activate": self._activate, "deactivate": self._deactivate}
@@ -260,9 +265,18 @@ class EngineNode:
             "absent": self._absences.seen(team, self.scheduler.now, lambda: engines(self.middleware)),
             "warnings": [*(lost if waits else ()), *still_running, *self.warn.lines()],
             "now": self._time.now / SECOND,
+            "previous": self._history.previous(),
             **mission,
             **({"error": self._why_suspended} if self._why_suspended else {}),
         }
+
+    def _machine(self) -> Mapping[str, str | int]:
+        """The name of its computer, and how much is free where it keeps its state (bytes)."""
+        found: dict[str, str | int] = {"host": socket.gethostname()}
+        if self._keeper is not None:
+            with suppress(OSError):
+                found["disk"] = shutil.disk_usage(self._keeper.directory.path).free
+        return found
 
     def _on_refusal(self, reason: str, deployment: str, cause: str) -> None:
         if not deployment:
@@ -307,6 +321,8 @@ class EngineNode:
             envelope = read_envelope(message.data, self.robot, self._wall_time())
             deployment = envelope.deployment
             self._verifier.verify_deployment(envelope)
+            if envelope.recalls:
+                envelope = self._history.recall(envelope)
             if envelope.phase in ("load", "run") and self.running is not None and self.running.suspension.holder:
                 raise DeploymentError(f"{self.running.suspension.holder} steers the robot", cause="steered")
             if envelope.phase in ("load", "run") and self.status.is_contested:
@@ -468,7 +484,7 @@ class EngineNode:
         start = partial(self._start, candidate, go_on, migrates)
         self._trouble = self._unsure = ""
         if self._keeper is not None:
-            self._keeper.begin(candidate.envelope, candidate.process, start, timers)
+            self._keeper.begin(candidate.envelope, candidate.process, start, timers, self._history.replaced())
         else:
             start()
 
@@ -477,6 +493,7 @@ class EngineNode:
         if self._feed is not None:
             self._feed.begin(self.running, resumed=migrates)
         envelope = candidate.envelope
+        self._history.begin(envelope)
         if envelope.who and not migrates:  # a migration says so itself
             self._on_warning(f"deployed model {envelope.hash[:12]} by {self._verifier.sender(envelope)}")
         go_on()
@@ -613,6 +630,8 @@ class EngineNode:
         envelope = self._resumed.read(self._trusted)
         if envelope is not None:
             self._protocol.state, self._before = resumed(self.robot, envelope, self.born), envelope.hash
+            self._history = History(self._keeper.before(envelope, self._trusted))
+            self._history.begin(envelope)
         self._read_promises()
         if envelope is None:
             self._keep_promise()

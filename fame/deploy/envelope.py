@@ -110,6 +110,8 @@ class Envelope:
     preview   whether it only asks what would become of the tokens: nothing is held, nothing started
     who       whose deployment it is: what keys prove counts more
     again     whether the robot had this process before, and lost it
+    recalls   instead of a model, `promises` and `receivers`: the hash of those of a deployment that the robot keeps
+              (`fame.deploy.history`)
     born      as in the `Report` of the engine that it is for: a recorded envelope is useless for a later engine
     issued    s since 1970; like `signature` only where keys are used (`fame.deploy.signing`)
     """
@@ -138,6 +140,7 @@ class Envelope:
     who: fields.Name = ""
     again: fields.FlagField = False
     begun: fields.FlagField = False
+    recalls: fields.Hash = fields.later("")
     proof: Annotated[Mapping[str, Any], _is_proof] = field(default_factory=dict, hash=False)
     born: fields.Birth = 0
     issued: fields.Number = 0.0
@@ -237,7 +240,7 @@ class Report:
     @property
     def said(self) -> Mapping[str, Any]:
         """What protocol 1 has no field for: `protocol`, `fame` (the version), `goals` (actions of which a cancelled
-        goal may still run).
+        goal may still run), `previous` (`fame.deploy.history.History.previous`).
 
         Protocol 1 drops a report with a field that it does not know, but for what is inside of `migration.state`.
         """
@@ -345,7 +348,8 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
             f"at most {AHEAD / 86_400:.0f} are accepted (are the clocks set?)",
             cause="clock",
         )
-    if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
+    recalls = envelope.recalls and not envelope.model
+    if envelope.phase == "load" and not recalls and _text_hash(envelope.model) != envelope.hash:
         raise DeploymentError("the hash of the model differs from that in the envelope", cause="hash")
     return envelope
 

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fame import rooms
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.deploy import fields
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STRING, Envelope
 from fame.deploy.machine import boundary
@@ -318,7 +319,7 @@ class Peers:
         ]
 
     def ask(self) -> None:
-        proof = asdict(self._envelope) | {"model": ""} if self._envelope.signature else {}
+        proof = fields.values(self._envelope) | {"model": ""} if self._envelope.signature else {}
         for robot, out in self._out.items():
             question = Envelope(
                 deployment=self._envelope.deployment,

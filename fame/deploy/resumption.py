@@ -9,7 +9,7 @@ promised several: what it held for when a newer one came, and that one.)
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import suppress
 from functools import partial
 from hashlib import sha256
@@ -20,6 +20,7 @@ from fame.clock import SECOND, Kind, Scheduler
 from fame.dataclasses import dataclass
 from fame.deploy import fields
 from fame.deploy.envelope import Envelope, model_hash, stored_envelope
+from fame.deploy.history import is_recalled
 from fame.deploy.signing import verify_signature
 from fame.errors import ConfigError, DeploymentError
 
@@ -61,6 +62,7 @@ class StateKeeper:
         self.directory: StateDirectory = directory
         self.recorder: DurableRecorder | None = None
         self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
+        self._names: dict[str, str] = {}  # of the files of deployments, by their ids
         self._lost = ""  # why others that were there cannot be read
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
         self._touch()
@@ -79,6 +81,18 @@ class StateKeeper:
         if header.get("robot") != self._robot:
             raise ConfigError(f"is the state of robot {header.get('robot')!r}, not of {self._robot!r}", file=file)
         return StoredMission(self._envelope(header, trusted), contents)
+
+    def before(self, runs: Envelope, trusted: Sequence[Any]) -> list[Envelope]:
+        """Return what was started before that which `runs`, as far as it can be read and verified, oldest first."""
+        found = {}
+        with suppress(OSError):
+            for path in self.directory.files(_ENVELOPE):
+                with suppress(ConfigError, OSError):
+                    envelope = _verified(self._read_file(path.name) or b"", path, trusted)
+                    found[path.name] = envelope
+        self._names = {envelope.deployment: name for name, envelope in found.items()}
+        older = [one for one in found.values() if runs.phase == "run" or one.order < runs.order]
+        return sorted((one for one in older if one.deployment != runs.deployment), key=lambda one: one.order)
 
     def _envelope(self, header: Mapping[str, Any], trusted: Sequence[Any]) -> Envelope:
         """The envelope that a journal names, verified. Raises ConfigError."""
@@ -168,9 +182,18 @@ class StateKeeper:
             self.directory.remove_file(_PROMISE)
 
     def begin(
-        self, envelope: Envelope, process: RobotNode, start: Callable[[], object], timers: dict[str, Any] | None
+        self,
+        envelope: Envelope,
+        process: RobotNode,
+        start: Callable[[], object],
+        timers: dict[str, Any] | None,
+        before: Sequence[Envelope] = (),
     ) -> None:
-        """Record a process, and `start` it when its beginning is on the disk. `timers`: those that it takes over."""
+        """Record a process, and `start` it when its beginning is on the disk.
+
+        timers  those that it takes over
+        before  what was started earlier, and is kept
+        """
         from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
         from fame.robot.restoring import description
@@ -189,15 +212,17 @@ class StateKeeper:
         }
         journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
         self.recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
-        clean = partial(self._remove_all_but, name, envelope.order)
+        self._names[envelope.deployment] = name
+        kept = {name, *(self._names.get(one.deployment, "") for one in before)}
+        clean = partial(self._remove_all_but, kept, envelope.order)
         self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean, start, timers)
 
-    def _remove_all_but(self, name: str, order: tuple[int, str]) -> None:
-        """Remove the deployments of before, as soon as no journal names them, and their promises."""
+    def _remove_all_but(self, names: Set[str], order: tuple[int, str]) -> None:
+        """Remove the other deployments, as soon as no journal names them, and their promises."""
         self._lost = ""
         self._keep_only([one for one in self._kept if one.order > order])
         for path in self.directory.files(_ENVELOPE):
-            if path.name != name:
+            if path.name not in names:
                 self.directory.remove_file(path.name)
 
     def resume(self, stored: StoredMission, process: RobotNode) -> Callable[[], object]:
@@ -258,7 +283,7 @@ def _verified(data: bytes, path: Path, trusted: Sequence[Any]) -> Envelope:
         envelope = stored_envelope(data.decode(errors="replace"))
         if trusted:
             verify_signature(fields.values(envelope), trusted)
-            if model_hash(envelope.model.encode()) != envelope.hash:
+            if model_hash(envelope.model.encode()) != envelope.hash or not is_recalled(envelope):
                 raise DeploymentError("the hash of the model differs from the signed one")
     except DeploymentError as error:
         raise ConfigError(str(error), file=str(path)) from None

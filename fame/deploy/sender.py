@@ -61,8 +61,53 @@ _REST = 20.0
 """The part of a long patience that is left when robots stop waiting for the other ends of their topics (s)."""
 
 
+class _ModelParts:
+    """The parts of a model, each for a robot. Raises what `Deployment` does."""
+
+    def __init__(self, definitions: Definitions, middleware: Middleware, options: DeploymentOptions) -> None:
+        from fame.check.gate import refuse_errors
+
+        library = options.library or Library()
+        named = engines(middleware) if options.robots is None else options.robots
+        pools = assign_robots(definitions, named, found=options.robots is None, only=options.only)
+        self.pools: Mapping[str, Pool] = {
+            robot: pool for robot, pool in pools.items() if not options.only or robot in options.only
+        }
+        self.robots = list(self.pools)
+        refuse_errors(definitions, [pool.process for pool in self.pools.values()], library, sent=True)
+        self._texts = {part.name: part.source.decode() for part in split(definitions, library)}
+        self._promised = promises(definitions, pools, library)
+        self._caught = receivers(definitions, pools, library)
+        self.source_maps = {
+            robot: SourceMap(robot, definitions, pool.process, library, self._texts[pool.name])
+            for robot, pool in self.pools.items()
+        }
+
+    def of(self, robot: str) -> Mapping[str, Any]:
+        """Return the fields of the envelope of a robot."""
+        text = self._texts[self.pools[robot].name]
+        promised, caught = self._promised[robot], self._caught[robot]
+        return {"model": text, "hash": model_hash(text.encode()), "promises": promised, "receivers": caught}
+
+
+class _KeptParts:
+    """What robots keep themselves: each is sent the hashes alone."""
+
+    def __init__(self, previous: Mapping[str, Mapping[str, Any]]) -> None:
+        self.pools: Mapping[str, Pool] = {}
+        self.robots, self._previous = list(previous), previous
+        self.source_maps: dict[str, SourceMap] = {}
+
+    def of(self, robot: str) -> Mapping[str, Any]:
+        """Return the fields of the envelope of a robot."""
+        return {name: self._previous[robot][name] for name in ("hash", "recalls")}
+
+
 class Deployment:
     """One model, sent to its robots: all start, or none does.
+
+    Instead of `definitions` it takes what each robot ran before, by its name, as its report says
+    (`fame.deploy.history.History.previous`): robots keep that themselves.
 
     `decided` is called as soon as robots were told to start: nothing stops them then. `ended` is called once, when all
     have started or it is known that they will not; `robots` then has the result of each, and `envelopes` what each was
@@ -73,7 +118,7 @@ class Deployment:
 
     def __init__(
         self,
-        definitions: Definitions,
+        definitions: Definitions | Mapping[str, Mapping[str, Any]],
         *,
         id: str,
         sequence: int,
@@ -83,21 +128,20 @@ class Deployment:
         decided: Callable[[], object] = lambda: None,
         options: DeploymentOptions | None = None,
     ) -> None:
-        from fame.check.gate import refuse_errors
-
         self._options = options = options or DeploymentOptions()
-        library = options.library or Library()
         self.id: str = id
         self.foreseen: dict[str, Foreseen] = {}
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
         self._ended = ended
         self._decided: Callable[[], object] | None = decided
-        named = engines(middleware) if options.robots is None else options.robots
-        pools = assign_robots(definitions, named, found=options.robots is None, only=options.only)
-        sent = {robot: pool for robot, pool in pools.items() if not options.only or robot in options.only}
-        refuse_errors(definitions, [pool.process for pool in sent.values()], library, sent=True)
-        self.pools: Mapping[str, Pool] = sent
+        parts: _KeptParts | _ModelParts
+        if isinstance(definitions, Mapping):
+            parts = _KeptParts(definitions)
+        else:
+            parts = _ModelParts(definitions, middleware, options)
+        sent = parts.robots
+        self.pools: Mapping[str, Pool] = parts.pools
         self._patience: float = options.patience_of(len(sent))
         state = SenderState(
             tuple(map(RobotProgress, sent)),
@@ -109,14 +153,13 @@ class Deployment:
         self._protocol: ProtocolMachine[SenderState, SenderEvent, SenderAction] = ProtocolMachine(
             state, step, self._perform
         )
-        self.envelopes: dict[str, Envelope] = self._models(definitions, pools, sent, library)
-        self._source_maps = {
-            robot: SourceMap(robot, definitions, pool.process, library, self.envelopes[robot].model)
-            for robot, pool in sent.items()
-        }
+        self.envelopes: dict[str, Envelope] = {robot: self._load(robot, parts.of(robot), sent) for robot in sent}
+        self._source_maps = parts.source_maps
         self._limit: Entry | None = None
         self._timer: Entry | None = None
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
+        self.told: dict[str, Report] = {}
+        """The last report of each robot that runs this model, and that answers nobody."""
         self._differs: dict[str, str] = {}  # what to say of the protocol of each
         self._readers = {robot: ReportReader.of_sender(robot, options.key) for robot in sent}
         self.node: Node = middleware.node("_fame_deploy")
@@ -125,29 +168,19 @@ class Deployment:
             on_report = boundary(partial(self._on_report, robot), partial(self._on_strange_report, robot))
             self.node.subscription(f"/{robot}/bpmn_status", STRING, on_report, STATUS_QOS)
 
-    def _models(
-        self, definitions: Definitions, pools: Mapping[str, Pool], sent: Mapping[str, Pool], library: Library
-    ) -> dict[str, Envelope]:
-        parts = {part.name: part.source.decode() for part in split(definitions, library)}
-        promised = promises(definitions, pools, library)
-        caught = receivers(definitions, pools, library)
-        return {
-            robot: replace(
-                self._envelope(robot, "load"),
-                model=parts[pool.name],
-                hash=model_hash(parts[pool.name].encode()),
-                promises=promised[robot],
-                matching=max(self._patience / 2, self._patience - _REST),
-                team=list(sent),
-                receivers=caught[robot],
-                again=robot in self._options.again,
-                migrate=self._options.migrate,
-                plan=dict(self._options.plan),
-                preview=self._options.preview,
-                who=self._options.who,
-            )
-            for robot, pool in sent.items()
-        }
+    def _load(self, robot: str, part: Mapping[str, Any], team: Sequence[str]) -> Envelope:
+        """The envelope with the part of a robot."""
+        return replace(
+            self._envelope(robot, "load"),
+            **part,
+            matching=max(self._patience / 2, self._patience - _REST),
+            team=team,
+            again=robot in self._options.again,
+            migrate=self._options.migrate,
+            plan=dict(self._options.plan),
+            preview=self._options.preview,
+            who=self._options.who,
+        )
 
     @property
     def robots(self) -> dict[str, RobotProgress]:
@@ -167,7 +200,12 @@ class Deployment:
     @property
     def reports(self) -> dict[str, Report]:
         """The last report of each robot, with the places of errors in the files of the model."""
-        return {robot: self._source_maps[robot].report(report) for robot, report in self._known.items()}
+        return {robot: self._in_files(report) for robot, report in self._known.items()}
+
+    def _in_files(self, report: Report) -> Report:
+        """A report with the places of errors in the files of the model, if that is here."""
+        source_map = self._source_maps.get(report.robot)
+        return source_map.report(report) if source_map is not None else report
 
     @property
     def sequence(self) -> int:
@@ -211,6 +249,8 @@ class Deployment:
         self._known[robot] = report
         if not report.deployment:
             self._differs[robot] = report.differs
+            if report.deployed == self.id:
+                self.told[robot] = report
             if report.answer == "refused" and self.robots[robot].state == "silent":  # to nobody: it may not read ours
                 text = f"did not answer; it refused a message: {report.reason}"
                 self._protocol.handle(RobotAnswered(robot, "", text, self.scheduler.now))
@@ -219,7 +259,7 @@ class Deployment:
         if report.deployment == self.id and not self.done:
             if report.migration:
                 self.foreseen[robot] = Foreseen.from_json(report.migration)
-            reason = self._source_maps[robot].report(report).reason
+            reason = self._in_files(report).reason
             self._protocol.handle(RobotAnswered(robot, report.answer, reason, self.scheduler.now))
 
     def _on_strange_report(self, robot: str, reason: str) -> None:
@@ -299,7 +339,7 @@ class Sender:
 
     def send(
         self,
-        definitions: Definitions,
+        definitions: Definitions | Mapping[str, Mapping[str, Any]],
         ended: Callable[[Deployment], object],
         *,
         decided: Callable[[], object] = lambda: None,

@@ -239,7 +239,8 @@ def _public_pem(private: Ed25519PrivateKey) -> bytes:
 
 
 def _signed_part(content: Mapping[str, Any]) -> bytes:
-    kept = {name: value for name, value in content.items() if name not in ("model", "signature")}
+    recalled = ("promises", "receivers") if content.get("recalls") else ()  # a robot adds them; `recalls` is their hash
+    kept = {name: value for name, value in content.items() if name not in ("model", "signature", *recalled)}
     return json.dumps(kept, sort_keys=True, separators=(",", ":")).encode()
 
 

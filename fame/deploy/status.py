@@ -237,7 +237,8 @@ class StatusPublisher:
         migration: Mapping[str, Any] | None = None,
     ) -> None:
         progress = dict(self._progress())
-        said = {"state": {"protocol": PROTOCOL, "fame": current(), "goals": progress.pop("goals", [])}}
+        more = {name: progress.pop(name) for name in ("goals", "previous") if name in progress}
+        said: dict[str, Any] = {"state": {"protocol": PROTOCOL, "fame": current(), **more}}
         report = Report(
             robot=self._verifier.robot,
             deployment=deployment,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
 
@@ -17,10 +17,17 @@ STRING, CLOCK_TOPIC = "std_msgs/msg/String", "bpmn_clock"
 
 
 class ClockServer:
-    """Answers questions on ``/<robot>/bpmn_clock``: the time `now` (ns) since the date `epoch`, and FAME's version."""
+    """Answers questions on ``/<robot>/bpmn_clock``: the time `now` (ns) since the date `epoch`, FAME's version, and
+    what `more` gives."""
 
-    def __init__(self, node: Node, now: Callable[[], int], epoch: datetime) -> None:
-        self._now, self._epoch = now, date_text(epoch)
+    def __init__(
+        self,
+        node: Node,
+        now: Callable[[], int],
+        epoch: datetime,
+        more: Callable[[], Mapping[str, str | int]] = lambda: {},
+    ) -> None:
+        self._now, self._epoch, self._more = now, date_text(epoch), more
         self._publisher = node.publisher(CLOCK_TOPIC, STRING)
         node.subscription(CLOCK_TOPIC, STRING, self._on_question)
 
@@ -30,4 +37,4 @@ class ClockServer:
             if isinstance(question, str):
                 answer = {"answer": question, "time": self._now(), "epoch": self._epoch, "fame": fame_version()}
                 answer["protocol"] = PROTOCOL
-                self._publisher.publish(messages.create(STRING, json_bytes(answer).decode()))
+                self._publisher.publish(messages.create(STRING, json_bytes({**self._more(), **answer}).decode()))

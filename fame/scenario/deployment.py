@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from contextlib import suppress
+from dataclasses import replace
+from typing import Any
 
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool
-from fame.clock import SECOND, WallScheduler
+from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.deploy import Deployment, LateJoiners, Report, engines
 from fame.deploy.assignment import assign_robots
 from fame.deploy.options import DeploymentOptions
@@ -108,6 +110,47 @@ class MissionWatch:
             lines.append(f"{robot}: {text}")
 
 
+def deploy_previous(
+    reports: Mapping[str, Report],
+    scheduler: Scheduler,
+    middleware: Middleware,
+    options: DeploymentOptions,
+    *,
+    any_of: bool = False,
+) -> Deployment:
+    """Deploy to robots what each ran before, which they keep, by their latest `reports`; all start it, or none.
+
+    Raises DeploymentError if one keeps nothing, or, unless they may have `any_of` several, if they ran different ones.
+    """
+    previous: dict[str, Mapping[str, Any]] = {}
+    for robot, report in sorted(reports.items()):
+        found = report.said.get("previous")
+        if not isinstance(found, dict):
+            raise DeploymentError(report.differs or f"{robot} does not say what it ran before")
+        if not found.keys() >= {"deployment", "hash", "recalls"}:
+            raise DeploymentError(f"{robot} ran nothing before, or does not keep it any more")
+        previous[robot] = found
+    ran = {robot: str(found["deployment"]) for robot, found in previous.items()}
+    if len(set(ran.values())) > 1 and not any_of:
+        text = ", ".join(f"{robot} {deployment}" for robot, deployment in ran.items())
+        raise DeploymentError(
+            f"the robots ran different deployments before ({text}): name those that go back with --to"
+        )
+    plain = replace(options, migrate=False, preview=False, plan={})
+    sender = Sender(f"back-{os.getpid()}", scheduler, middleware, plain)
+    return _ended(sender.send(previous, lambda _: scheduler.stop()))
+
+
+def _ended(deployment: Deployment) -> Deployment:
+    """Run until a deployment has ended."""
+    try:
+        deployment.scheduler.run()
+    except BaseException:  # Ctrl-C: abort, so that no robot waits for more
+        deployment.close()
+        raise
+    return deployment
+
+
 class Sending:
     """The deployment of a model to discovered engines."""
 
@@ -124,6 +167,7 @@ class Sending:
     ) -> None:
         self.definitions, self.scheduler, self.middleware = definitions, scheduler, middleware
         self._sender = Sender(f"deploy-{os.getpid()}", scheduler, middleware, options or DeploymentOptions())
+        self.over = False
 
     def deploy(
         self,
@@ -150,19 +194,14 @@ class Sending:
             except ConfigError as error:  # an engine has left in the meantime; under load one is lost for a moment
                 if self.scheduler.now > until:
                     raise DeploymentError(str(error)) from None
-        try:
-            self.scheduler.run()
-        except BaseException:  # Ctrl-C: abort, so that no robot waits for more
-            deployment.close()
-            raise
-        return deployment
+        return _ended(deployment)
 
     def watch(
         self, deployment: Deployment, log: Callable[[str], object], seconds: float | None = None
     ) -> Mapping[str, str]:
         """Watch the missions of a deployment until they have ended, or for some `seconds`; log what happens.
 
-        Returns the failures by robot.
+        Returns the failures by robot; `over` is whether all have ended.
         """
         watch = MissionWatch(deployment.id, deployment.pools)
         until = None if seconds is None else self.scheduler.now + round(seconds * SECOND)
@@ -170,6 +209,7 @@ class Sending:
             self.scheduler.run(self.scheduler.now + SECOND // 20)
             for line in watch.look(deployment.reports, self.scheduler.now):
                 log(line)
+        self.over = watch.over
         return watch.failures
 
     def stay(self, served: Collection[str], log: Callable[[str], object]) -> None:
