@@ -87,8 +87,7 @@ class Engine(EngineState):
 
     def deliver(self, topic: str, message: Any) -> None:
         """Deliver a signal or message from outside; cheap if nothing waits for it."""
-        program = self.program
-        if topic in self.listeners or topic in program.starts or topic in program.messages:
+        if topic in self.listeners or topic in self.program.starts or topic in self.program.messages:
             deliver(self, topic, message)
             self.run()
 
@@ -246,14 +245,14 @@ class Engine(EngineState):
 
     def run(self) -> None:
         """Move every token until it waits."""
-        ready, pop = self.ready, self.ready.popleft
+        ready = self.ready
         left, portion = self.limit, self.portion
         self.suspensions = 0
         moves = repeat(None, portion)
         self.unsettled: bool = bool(self.conditions)
         while True:
             while ready:
-                node, scope = pop()
+                node, scope = ready.popleft()
                 if node is None:
                     deliver(self, *scope)
                     continue
@@ -363,9 +362,10 @@ def deliver(engine: EngineState, topic: str, message: Any) -> None:
     for wait in listeners:
         if wait.alive and not wait.paused:
             catch(engine, wait, message)
-    for node in program.starts.get(topic, ()):
-        if not starts.is_awaited(node, listeners):
-            starts.trigger(engine, node, message)
+    if topic in program.starts:
+        for node in program.starts[topic]:
+            if not starts.is_awaited(node, listeners):
+                starts.trigger(engine, node, message)
 
 
 def _select(engine: EngineState, topic: str, listeners: tuple[Listener, ...], message: Any) -> None:

@@ -51,8 +51,9 @@ def close_scope(engine: EngineState, scope: Scope) -> None:
     """Close a scope and disarm its boundary events and everything that waits in it."""
     scope.state = DEAD
     scope.instance.scopes -= 1
-    if scope.parent is not None and scope.parent.mail:
-        waiting.pass_activity(engine, scope, scope.parent)
+    parent = scope.parent
+    if parent is not None and parent.mail:
+        waiting.pass_activity(engine, scope, parent)
     if scope.arms:
         for arm in scope.arms:
             waiting.disarm(engine, arm)

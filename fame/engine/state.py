@@ -71,8 +71,9 @@ class Scope:
         self.items: Any = None
         self.instance: Instance
         self.counts: list[int]
-        self.depth = 0
-        if parent is not None:
+        if parent is None:
+            self.depth = 0
+        else:
             self.instance, self.counts, self.depth = parent.instance, parent.counts, parent.depth + 1
 
     @property

@@ -67,14 +67,14 @@ def withdraw(engine: EngineState, wait: Wait) -> None:
 
 def catch(engine: EngineState, wait: Wait, message: Any) -> None:
     """Store a message in the variables, and fire the wait."""
-    take = wait.catch.take
+    event = wait.catch
+    take, fire = event.take, event.fire
     if take is not None:
         try:
             take(wait.scope.variables, message)
         except BaseException as error:
-            wait.catch.give_up(engine, wait, error)
+            event.give_up(engine, wait, error)
             return
-    fire = wait.catch.fire
     fire(engine, wait)
     if take is not None and engine.conditions:
         check_conditions(engine)
