@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from datetime import timedelta
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +99,7 @@ def test_who_watches_from_the_beginning_is_told_every_event(field: Field) -> Non
     assert running is not None
     visits = running.instances[0].visits
     assert 35 < counted["Count"] <= visits["Count"]
-    assert team.state.robots["REX"].counts["Count"]["leave"] == counted["Count"]
+    assert team.state.robots["REX"].marks_of("Count")["leave"] == counted["Count"]
     assert not team.gaps
 
 
@@ -130,7 +131,7 @@ def test_who_comes_later_gets_everything_first(field: Field) -> None:
     assert field.told[0][0] == KEY
     state, running = team.state.robots["REX"], field.engines[0].running
     assert running is not None
-    assert state.counts["Count"]["leave"] == running.instances[0].visits["Count"]
+    assert state.marks_of("Count")["leave"] == running.instances[0].visits["Count"]
     (scope,) = state.scopes.values()
     assert scope.values["n"] == running.instances[0].variables["n"]
     (token,) = state.tokens.values()
@@ -180,7 +181,7 @@ def test_lost_batches_are_counted_and_the_next_key_mends_the_state(field: Field)
     assert ["3 batches of events lost" in text for text in reports] == [True]
     running = field.engines[0].running
     assert running is not None
-    assert team.state.robots["REX"].counts["Count"]["leave"] == running.instances[0].visits["Count"]
+    assert team.state.robots["REX"].marks_of("Count")["leave"] == running.instances[0].visits["Count"]
 
 
 def test_who_was_cut_off_and_comes_back_misses_nothing_unseen(field: Field) -> None:
@@ -195,7 +196,7 @@ def test_who_was_cut_off_and_comes_back_misses_nothing_unseen(field: Field) -> N
     assert 1 <= team.gaps["REX"] <= 5
     running = field.engines[0].running
     assert running is not None
-    assert team.state.robots["REX"].counts["Count"]["leave"] == running.instances[0].visits["Count"]
+    assert team.state.robots["REX"].marks_of("Count")["leave"] == running.instances[0].visits["Count"]
 
 
 def test_a_new_process_begins_anew(field: Field) -> None:
@@ -204,8 +205,8 @@ def test_a_new_process_begins_anew(field: Field) -> None:
     field.run(2)
     team.close()
     state = team.state.robots["REX"]
-    assert "Count" not in state.counts
-    assert state.counts["Again"]["leave"] > 10
+    assert not state.marks_of("Count")
+    assert state.marks_of("Again")["leave"] > 10
 
 
 def test_simulated_time_that_begins_again_goes_on_from_the_last_time(field: Field) -> None:
@@ -244,7 +245,8 @@ def test_a_team_recorder_writes_a_recording(field: Field, tmp_path: Path) -> Non
         for robot in recording.robots:
             events = [event for event in recording.events(robots=[robot]) if event.what == "leave"]
             counts = Counter(event.element for event in events)
-            assert counts == {id: each["leave"] for id, each in last.robots[robot].counts.items() if "leave" in each}
+            recorded = chain.from_iterable(each.items() for each in last.robots[robot].counts.values())
+            assert counts == {id: each["leave"] for id, each in recorded if "leave" in each}
         assert {message.topic for message in recording.messages()} == {EVENTS, VARIABLES, WAITING, KEY, CLOCKS}
 
 
@@ -306,7 +308,7 @@ def test_a_mission_that_another_engine_replaces_at_once_is_lost_too(field: Field
     field.run(2)
     team.close()
     assert reports_of(field) == [RESTARTED]
-    assert team.state.robots["REX"].counts["Count"]["leave"] < 25  # those of the new one alone
+    assert team.state.robots["REX"].marks_of("Count")["leave"] < 25  # those of the new one alone
     assert not team.restarted
 
 

@@ -29,7 +29,6 @@ from fame.log.recording import Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.xes import xes
 from fame.properties.files import read_properties
-from fame.robot import changes
 from fame.robot.events import Event, combine_observers
 from fame.scenario import Scenario
 
@@ -266,17 +265,6 @@ def test_what_a_variable_names_is_an_object(tmp_path: Path, capsys: pytest.Captu
         [*give, "parcel"], capsys
     )
     assert "--object is for .ocel.json only" in told([source, "-o", str(tmp_path / "x.xes"), *objects], capsys)
-
-
-def test_a_recording_that_does_not_say_what_a_sub_process_sees_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(changes, "_place", lambda scope: {"instance": scope.instance.key, "scope": scope.key})
-    (tmp_path / "orders.bpmn").write_text(ORDERS)
-    record(Scenario.load(tmp_path / "orders.bpmn", duration=10), tmp_path / "old.mcap")
-    words = [str(tmp_path / "old.mcap"), "-o", str(tmp_path / "old.ocel.json")]
-    assert "does not say which variables an event sees" in told([*words, "--object", "order=order_id"], capsys)
-    assert main(["log", "convert", *words]) == 0
 
 
 def test_a_log_of_a_part_says_so_and_judges_and_draws_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

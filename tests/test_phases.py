@@ -188,10 +188,17 @@ class Arm:
         node.subscription("loss", STATE, self.losses.append)
 
     def tell(self, batch: int, time: float, element: str, gone: str = "") -> None:
-        token = {"key": element, "path": [element], "element": "inner"}
+        opens = [{"scope": batch, "instance": 1, "inside": [element]}]
+        opening = ["events", round(time * SECOND), {"opens": opens, "events": []}]
+        token = {"key": element, "scope": batch, "element": "inner"}
         waiting = ["waiting", round(time * SECOND), {"tokens": [token], "gone": [gone]}]
         begins = {"begins": "Process"} if batch == 1 else {}
-        told = {"batch": batch, "epoch": "1970-01-01T00:00:00Z", "time": round(time * SECOND), "changes": [waiting]}
+        told = {
+            "batch": batch,
+            "epoch": "1970-01-01T00:00:00Z",
+            "time": round(time * SECOND),
+            "changes": [opening, waiting],
+        }
         self.events.publish(messages.create(STRING, {"data": json.dumps(told | begins)}))
 
     def play(self, run: Samples) -> None:

@@ -42,7 +42,9 @@ def test_a_run_over_dds_is_logged_drawn_and_recorded(tmp_path: Path) -> None:
         assert verdicts == {"found_first": "holds", "answer": "not triggered", "apart": "holds"}
         entered = Counter(event.element for event in events if event.what == "enter")
         last = recording.state(recording.end).robots["REX"]
-        assert {id: each["enter"] for id, each in last.counts.items() if "enter" in each} == entered
+        assert {
+            id: last.marks_of(id)["enter"] for marks in last.counts.values() for id in marks if "enter" in marks[id]
+        } == entered
         step = (recording.end - events[0].time) // 15
         ways = [recording.world(recording.end - number * step).get("REX") for number in range(15)]
         ways = [pose for pose in ways if pose is not None]  # of the world it may have heard the first a moment later

@@ -72,7 +72,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes) -> None
 
 def test_a_newer_format_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "run.mcap", {"format": "99"}, ("/fame/key", 0, '{"robots":{}}'))
-    with pytest.raises(ConfigError, match="expected format 1 or older, got format 99"):
+    with pytest.raises(ConfigError, match="expected format 2 or older, got format 99"):
         Replay(path)
 
 
@@ -92,8 +92,10 @@ def test_a_recording_without_models_says_what_is_missing(chromium: Browser, tmp_
 def test_a_world_of_another_form_does_not_stop_the_page(chromium: Browser, tmp_path: Path) -> None:
     pair = '{"key": "ground", "value": "{\\"obstacles\\": [7]}"}'
     ground = ("/fame/ground", 0, f'{{"deletions": [], "entities": [{{"id": "ground", "metadata": [{pair}]}}]}}')
-    change = '{"robot":"REX","changes":[{"instance":1,"scope":2,"path":[],"set":{"x":5}}]}'
-    path = written(tmp_path / "run.mcap", {}, ground, ("/fame/key", 0, '{"robots":{}}'), ("/fame/variables", 5, change))
+    opens = '{"robot":"REX","opens":[{"scope":2,"instance":1}],"events":[]}'
+    change = '{"robot":"REX","changes":[{"scope":2,"set":{"x":5}}]}'
+    messages = ("/fame/key", 0, '{"robots":{}}'), ("/fame/events", 5, opens), ("/fame/variables", 5, change)
+    path = written(tmp_path / "run.mcap", {}, ground, *messages)
     with Replay(path) as replay:
         replay.wait()
         with opened(chromium, replay) as page:

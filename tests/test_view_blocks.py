@@ -4,21 +4,23 @@ import itertools
 import json
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 from recorded_runs import record
-from run_states import run_state
+from run_states import replayed
 
 from fame.bpmn.reader import read
 from fame.log import Recording, logging_to
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.robot.events import combine_observers
+from fame.robot.robot_state import RobotState, ScopeState
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
-from fame.view.blocks import COLUMNS, Block, Packer
+from fame.view.blocks import COLUMNS, Packer
 from fame.view.catalogue import Catalogue
 from fame.view.replay import Replay
-from fame.view.state import CANCELLED, COMPLETED, END, FAILED, WHATS, RunState, TokenKey
+from fame.view.state import WHATS
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MODELS = Path(__file__).parent.parent / "models"
@@ -30,17 +32,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(scenario, tmp_path_factory.mktemp("view") / "agriculture.mcap")
 
 
-def replayed(block: Block) -> RunState:
-    """The state at the end of a block, from the block alone."""
-    state = run_state({**block.key, "scopes": (*block.key["scopes"], *block.lists["scopes"])})
-    rows = zip(*(block.columns[name] for name in COLUMNS), strict=True)
-    for at, (time, robot, instance, scope, element, what) in enumerate(rows):
-        state.event(time, TokenKey(robot, instance, scope, element), what)
-        if what == END:
-            state.end(robot, str(block.details.get(at, "completed")), time)
-    return state
-
-
 @pytest.mark.long
 def test_a_block_alone_leads_to_the_next(recording: Path) -> None:
     with Replay(recording) as replay:
@@ -48,7 +39,7 @@ def test_a_block_alone_leads_to_the_next(recording: Path) -> None:
         blocks = replay._packer.blocks
         assert len(blocks) > 3
         for block, following in itertools.pairwise(blocks):
-            state = replayed(block).to_json()
+            state = replayed(block)
             assert sorted(state["tokens"]) == sorted(following.key["tokens"])
             assert sorted(state["counts"]) == sorted(following.key["counts"])
             assert sorted(state["ends"]) == sorted(following.key["ends"])
@@ -84,42 +75,19 @@ def test_blocks_have_every_event_of_the_recording(recording: Path) -> None:
 def test_counts_are_those_of_the_recording(recording: Path) -> None:
     with Replay(recording) as replay:
         replay.wait()
-        state, elements = replay._packer.state, replay.catalogue.elements
+        packer, elements = replay._packer, replay.catalogue.elements
         with Recording(recording) as source:
             last = source.state(source.end)
-        robot = replay._packer.robots.index("Drone")
-        for id, counts in last.robots["Drone"].counts.items():
-            numbers = list(replay.catalogue.candidates(id))
-            entered = sum(sum(state.counts[robot, number]) for number in numbers)
-            resting = sum(
-                held
-                for key, (held, _) in state.tokens.items()
-                if key.robot == robot and elements[key.element].element.id == id
-            )
+        robot, rows = packer.robots.index("Drone"), packer.key_json()
+        for id, counts in itertools.chain.from_iterable(each.items() for each in last.robots["Drone"].counts.values()):
+            ended = sum(sum(row[2:]) for row in rows["counts"] if row[0] == robot and elements[row[1]].element.id == id)
+            resting = sum(row[4] for row in rows["tokens"] if row[0] == robot and elements[row[3]].element.id == id)
             passed = counts.get("take", 0) or counts.get("enter", 0)
-            assert entered + resting == passed, id
+            assert ended + resting == passed, id
 
 
 def packer_of(model: str) -> Packer:
     return Packer(Catalogue([read(MODELS / model)]), ["REX"])
-
-
-def test_an_error_end_event_counts_as_a_failure_only() -> None:
-    state, where = RunState(), TokenKey(0, 1, 2, 3)
-    for what in ("enter", "leave", "fail"):
-        state.event(5, where, WHATS.index(what))
-    assert state.counts[0, 3] == [0, 1, 0]
-    assert not state.tokens
-
-
-def test_the_end_of_an_instance_cancels_what_it_still_did() -> None:
-    state = RunState()
-    for element in (3, 4):
-        state.event(5, TokenKey(0, 1, 2, element), WHATS.index("enter"))
-    state.event(5, TokenKey(0, 7, 8, 4), WHATS.index("enter"))
-    state.event(6, TokenKey(0, 1, 2, 0), WHATS.index("end"))
-    assert list(state.tokens) == [TokenKey(0, 7, 8, 4)]
-    assert [state.counts[0, 3][outcome] for outcome in (COMPLETED, FAILED, CANCELLED)] == [0, 0, 1]
 
 
 def test_calls_and_what_they_call_are_known_by_number(recording: Path) -> None:
@@ -134,15 +102,15 @@ def test_what_is_inside_a_call_knows_its_call(recording: Path) -> None:
     with Replay(recording) as replay:
         replay.wait()
         rows = [row for block in replay._packer.blocks for row in block.lists["scopes"]]
-        openers = {replay.catalogue.elements[row[4]].element.label for row in rows if row[4] >= 0}
+        openers = {replay.catalogue.elements[opener].element.label for row in rows for opener in row[4]}
         assert {"Take Off", "Explore", "Go To"} <= openers
 
 
 def test_a_page_that_knows_part_of_a_block_gets_the_rest() -> None:
     packer = packer_of("ground_vehicles.bpmn")
-    packer.events(1, "REX", 1, 1, [("Process_REX", "start")])
+    packer.put(EVENTS, 1, events(1, 1, ["Process_REX", "start"]))
     mark = packer.blocks[0].mark()
-    packer.events(2, "REX", 0, 0, [("", "log", "later")])
+    packer.put(EVENTS, 2, events(0, 0, ["", "log", "later"]))
     rest = packer.blocks[0].to_json(mark)
     assert (rest["first"], rest["t"], rest["d"]) == (1, [2], {"1": "later"})
     assert "key" not in rest
@@ -150,18 +118,25 @@ def test_a_page_that_knows_part_of_a_block_gets_the_rest() -> None:
 
 def test_the_state_at_the_start_of_a_block_is_not_changed_by_what_comes_later() -> None:
     packer = Packer(Catalogue([]), ["REX"])
-    packer.variables(0, "REX", 1, {"x": 1})
-    change = {"instance": 1, "scope": 1, "path": [], "set": {"x": 2}}
-    packer.key(5, {"robots": {"REX": {"instances": [], "tokens": [], "counts": {}, "variables": [change]}}})
-    packer.variables(7, "REX", 1, {"x": 3})
+    known = RobotState(scopes={1: ScopeState(1, values={"x": 2})})
+    packer.put(EVENTS, 0, events(1, 1, ["Process_REX", "start"]))
+    packer.put(VARIABLES, 0, {"robot": "REX", "changes": [{"scope": 1, "set": {"x": 1}}]})
+    packer.put(KEY, 5, {"robots": {"REX": known.to_key()}})
+    packer.put(VARIABLES, 7, {"robot": "REX", "changes": [{"scope": 1, "set": {"x": 3}}]})
     assert packer.blocks[-1].to_json()["key"]["variables"] == [[0, 1, {"x": [2, 5]}]]
+
+
+def events(instance: int, scope: int, *marks: list[str]) -> dict[str, Any]:
+    """A message of events of REX in a scope that opens."""
+    opens = [{"scope": scope, "instance": instance}] if scope else []
+    return {"robot": "REX", "opens": opens, "events": [{"instance": instance, "scope": scope, "marks": marks}]}
 
 
 def places(packer: Packer) -> dict[tuple[str, int, str], int]:
     """How many tokens are where: robot, instance, id of the element."""
     found: Counter[tuple[str, int, str]] = Counter()
-    for key, (number, _) in packer.state.tokens.items():
-        found[packer.robots[key.robot], key.instance, packer.catalogue.elements[key.element].element.id] += number
+    for robot, instance, _, element, number, _ in packer.key_json()["tokens"]:
+        found[packer.robots[robot], instance, packer.catalogue.elements[element].element.id] += number
     return dict(found)
 
 
@@ -193,6 +168,6 @@ def test_a_key_alone_gives_the_tokens_of_activities_too(name: str, tmp_path: Pat
             packer = Packer(Catalogue(files), recording.robots)
             for message in recording.messages((KEY, EVENTS, VARIABLES, WAITING), start, 25 * 10**9):
                 packer.put(message.topic, message.time, message.json())
-            states.append((places(packer), {key: one for key, one in packer.state.counts.items() if any(one)}))
+            states.append((places(packer), sorted(packer.key_json()["counts"])))
     assert states[0] == states[1]
     assert states[0][0]

@@ -88,7 +88,7 @@ def porter(tmp_path: Path) -> Scenario:
 
 
 def waiting(live: LiveRun) -> list[str]:
-    return [token["element"] for tokens in live._packer.state.waits.values() for token in tokens.values()]
+    return [token["element"] for state in live._packer.state.robots.values() for token in state.tokens.values()]
 
 
 def test_a_task_is_completed_a_signal_sent_a_variable_set(porter: Scenario) -> None:

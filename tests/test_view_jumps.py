@@ -14,6 +14,7 @@ import pytest
 from view_page import opened, until
 
 from fame.log.recording_file import RecordingFile
+from fame.robot.robot_state import RobotState, ScopeState
 from fame.view import Replay, Server
 
 if TYPE_CHECKING:
@@ -43,11 +44,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         file.describe({})
         for name in NAMES:
             started = {"instance": 1, "scope": 1, "marks": [["P", "start"]]}
-            file.put("/fame/events", 0, {"robot": name, "events": [started]})
+            opens = [{"scope": 1, "instance": 1}]
+            file.put("/fame/events", 0, {"robot": name, "opens": opens, "events": [started]})
         file.put("/fame/ground", 0, scene("ground", "ground", GROUND))
-        robots = {
-            name: {"process": "P", "instances": [], "tokens": [], "variables": [], "counts": {}} for name in NAMES
-        }
+        state = RobotState("P", scopes={1: ScopeState(1)}).to_key()
+        robots = dict.fromkeys(NAMES, state)
         for step in range(80):
             time = step * SECOND // 10
             if step % 10 == 0:
@@ -55,7 +56,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
             pose = {"type": "car", "x": x_at(time, 5 * SECOND), "y": 1.0, "heading": 0.0}
             file.put("/fame/world", time + 1, scene(NAMES[0], "appearance", pose))
             for number, name in enumerate(NAMES):
-                change = {"instance": 1, "scope": 1, "path": [], "set": {"step": step * 100 + number}}
+                change = {"scope": 1, "set": {"step": step * 100 + number}}
                 file.put("/fame/variables", time + 1 + number // 2, {"robot": name, "changes": [change]})
         file.finish()
     return path

@@ -33,7 +33,7 @@ def hospital() -> Iterator[LiveRun]:
 
 
 def waits(live: LiveRun) -> list[dict[str, Any]]:
-    return [token for tokens in live._packer.state.waits.values() for token in tokens.values()]
+    return [token for state in live._packer.state.robots.values() for token in state.tokens.values()]
 
 
 @pytest.fixture
@@ -217,8 +217,8 @@ def test_a_form_is_filled_in_and_checked_by_the_browser(page: Page, hospital: Li
 
 
 def variables(live: LiveRun, robot: str) -> dict[str, Any]:
-    number, state = live._packer.robots.index(robot), live._packer.state
-    return {name: value for (r, _), each in state.variables.items() if r == number for name, (value, _) in each.items()}
+    scopes = live._packer.state.robots[live._packer.robots.index(robot)].scopes
+    return {name: value for scope in scopes.values() for name, value in scope.values.items()}
 
 
 def test_who_completed_a_task_is_in_the_log(hospital: LiveRun) -> None:

@@ -67,8 +67,8 @@ class Field(LiveField):
         packer = self.view._packer
         return {
             (packer.robots[robot], token["element"])
-            for robot, tokens in packer.state.waits.items()
-            for token in tokens.values()
+            for robot, state in packer.state.robots.items()
+            for token in state.tokens.values()
         }
 
     def until(self, condition: Callable[[], object]) -> None:
@@ -125,9 +125,9 @@ def test_a_robot_that_was_there_before_is_shown_with_what_it_does(field: Field) 
     field.run(2)
     with TeamView(field.middleware, field.scheduler) as late:
         field.run(8)
-        found = late._packer.state
-        assert [token["element"] for tokens in found.waits.values() for token in tokens.values()] == ["Sign"]
-        assert len(found.tokens) == 1
+        (found,) = late._packer.state.robots.values()
+        assert [token["element"] for token in found.tokens.values()] == ["Sign"]
+        assert len(found.active) == 1
 
 
 def test_a_page_that_was_open_before_gets_what_a_robot_already_did(field: Field) -> None:
@@ -179,10 +179,10 @@ def named(text: str, name: str) -> str:
 def shown(view: TeamView | Replay) -> dict[str, str]:
     """Robots and the names of the elements at which the page shows their tokens."""
     packer = view._packer
-    elements = packer.catalogue.elements_json()
-    found = {packer.robots[key.robot]: elements[key.element].get("name", "") for key in packer.state.tokens}
-    for robot, tokens in packer.state.waits.items():
-        for token in tokens.values():
+    elements, key = packer.catalogue.elements_json(), packer.key_json()
+    found = {packer.robots[robot]: elements[element].get("name", "") for robot, _, _, element, *_ in key["tokens"]}
+    for robot, tokens in key["waits"]:
+        for token in tokens:
             assert elements[token["e"]].get("name", "") == found[packer.robots[robot]]
     return found
 
@@ -289,7 +289,7 @@ def test_a_robot_that_was_migrated_is_shown_in_its_new_model() -> None:
         field.engines["REX"].running.complete("first")
         field.pass_time(2)
         assert shown(view) == {"REX": "new too"}
-        assert replayed(view._packer.blocks[-1]).tokens == view._packer.state.tokens
+        assert replayed(view._packer.blocks[-1])["tokens"] == view._packer.key_json()["tokens"]
 
 
 def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:
@@ -319,7 +319,7 @@ def test_a_robot_whose_engine_restarted_without_its_mission_is_lost_and_waits_fo
     field.engine("REX")
     field.run(8)
     assert field.waiting() == set()
-    assert not field.view._packer.state.tokens
+    assert field.view._packer.key_json()["tokens"] == []
     assert list(field.view._lost()) == ["REX"]
     assert field.view.mission()["notices"] == ["REX: its engine restarted; its mission is lost"]
     assert field.view._running("REX") == ""
@@ -410,8 +410,8 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
     field.run(0.2)
     field.deploy("REX", REPAIRED)
     field.until(lambda: field.waiting() == {("REX", "Drive")})
-    (waits,) = field.view._packer.state.waits.values()
-    assert [token["kind"] for token in waits.values()] == ["incident"]
+    (robot,) = field.view._packer.state.robots.values()
+    assert [token["kind"] for token in robot.tokens.values()] == ["incident"]
     commands = [
         {"do": "retry", "element": "Drive", "value": '{"speed": 4}'},
         {"do": "set", "name": "load", "value": "2.5"},
@@ -424,7 +424,8 @@ def test_with_control_an_element_is_retried_a_variable_set_a_token_moved() -> No
         {"said": "REX: moved"},
     ]
     field.until(lambda: field.waiting() == {("REX", "Rest")})
-    values = {name: value[0] for found in field.view._packer.state.variables.values() for name, value in found.items()}
+    (robot,) = field.view._packer.state.robots.values()
+    values = {name: value for scope in robot.scopes.values() for name, value in scope.values.items()}
     assert values == {"speed": 4, "left": 2.5, "load": 2.5}
     for wrong, text in (({"do": "set"}, "name of a variable"), ({"do": "move", "element": "Rest"}, "token moves to")):
         with pytest.raises(FameError, match=text):
@@ -504,9 +505,9 @@ def test_a_robot_of_whose_instances_one_failed_is_failed_whatever_completed_afte
     field.run(1)
     field.deploy("REX", TWICE)
     field.run(1.5)
-    assert [ends[:3] for ends in field.view._packer.state.ends.values()] == [(1, 1, "failed")]
+    assert [ends[:-1] for ends in field.view._packer.key_json()["ends"]] == [[0, 1, 1, "failed"]]
     field.run(3)
-    assert [ends[:3] for ends in field.view._packer.state.ends.values()] == [(2, 1, "completed")]
+    assert [ends[:-1] for ends in field.view._packer.key_json()["ends"]] == [[0, 2, 1, "completed"]]
     with TeamView(field.middleware, field.scheduler) as late:
         field.run(8)
         assert late._packer.blocks[-1].key["ends"] == [[0, 2, 1, "completed", -1]]
@@ -522,7 +523,7 @@ def test_a_robot_of_whose_instances_one_failed_is_failed_whatever_completed_afte
                 assert violations(page) == []
     field.deploy("REX")
     field.run(2)
-    assert not field.view._packer.state.ends
+    assert field.view._packer.key_json()["ends"] == []
 
 
 def test_the_page_says_that_nothing_comes_any_more_though_its_connection_is_open(
@@ -573,10 +574,9 @@ def test_a_recording_with_lost_batches_goes_on_from_the_next_key(field: Field, t
     with Replay(tmp_path / "gap.mcap") as source:
         source.wait()
         found = source._packer
-        assert {token["element"] for token in found.state.waits[0].values()} == {
-            token["element"] for token in team.state.robots["REX"].tokens.values()
-        }
-        assert len(found.state.tokens) == 1
+        (state,) = found.state.robots.values()
+        assert state.tokens.keys() == team.state.robots["REX"].tokens.keys()
+        assert len(state.active) == 1
         lost = [detail for block in found.blocks for detail in block.details.values() if "lost" in str(detail)]
         assert len(lost) == 1
         assert "batches of events lost" in lost[0]

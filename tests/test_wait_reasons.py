@@ -15,6 +15,7 @@ from fame.log.wait_reasons import explain, silences, wait_text
 from fame.middleware import messages
 from fame.middleware.actions import CANCEL, STATUS, ActionServer
 from fame.middleware.interface import LATCHED, SENSOR_DATA, DeferredResponse
+from fame.robot.robot_state import WAITING
 from fame.view.blocks import Packer
 from fame.view.catalogue import Catalogue
 from fame.view.mission import mission_json
@@ -258,7 +259,7 @@ def test_the_page_gets_the_sentences_of_commands() -> None:
     mission = mission_json("model", "a mission", Catalogue([]), [])
     token = {"key": "1", "scope": 1, "element": "Ask", "service": "/Door/open", "text": "service"}
     packer = Packer(Catalogue([]), ["REX"])
-    packer.waits(5, "REX", [token])
+    packer.put(WAITING, 5, {"robot": "REX", "tokens": [token], "gone": []})
     [(_, _, [shown], _)] = packer.blocks[0].lists["waits"]
     assert shown["text"] == wait_text(token) == "the service /Door/open to answer"
     assert silences({"gone": 1 * SECOND}, 4 * SECOND) == [mission["sentences"]["gone"].format(time="3 s")]

@@ -11,7 +11,7 @@ from typing import Any
 
 from fame.robot.robot_state import EVENTS as EVENTS, VARIABLES as VARIABLES, WAITING as WAITING
 
-FORMAT = 1
+FORMAT = 2
 """The version of the format: a reader reads this one and older ones."""
 
 KEY, WORLD, GROUND = "/fame/key", "/fame/world", "/fame/ground"

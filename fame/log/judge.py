@@ -180,7 +180,6 @@ class TeamJudge:
         self, properties: Sequence[Property], team: Vocabulary | None = None, *, measured: bool, whole: bool = True
     ) -> None:
         self._properties, self._measured, self._whole = properties, measured, whole
-        self._scopes: dict[str, dict[int, dict[str, Any]]] = {}  # by robot and instance: variables of the process
         self._seen: set[str] = set()
         self._heard: dict[str, int] = {}  # when each robot did something (ns)
         self._expected: set[str] = set()
@@ -222,7 +221,7 @@ class TeamJudge:
     def _done(self, robot: str, state: RobotState) -> dict[str, Any]:
         """What a robot has done of what properties name, as far as its state has it."""
         named = [(element, what) for one, element, what in self._named if one == robot]
-        done: dict[str, Any] = {f"{what} {id}": state.counts.get(id, {}).get(what, 0) for id, what in named}
+        done: dict[str, Any] = {f"{what} {id}": state.marks_of(id)[what] for id, what in named}
         if any(what in ("start", "end") for _, what in named):
             done["instances"] = {str(number): status for number, (_, status) in state.instances.items()}
         return done
@@ -282,32 +281,28 @@ class TeamJudge:
             return
         self._see([robot])
         self._heard[robot] = time
-        self._robots.setdefault(robot, RobotState()).apply(EVENTS, data)
+        self._robots.setdefault(robot, RobotState()).apply(EVENTS, data, time)
         for mark in marks:
             element, what, detail = (*mark, None)[:3]
             self.judge.event(time, robot, element, what, detail)
         self._read(time, robot)
 
     def _take_variables(self, time: int, data: Mapping[str, Any]) -> None:
-        instances = self._scopes.setdefault(str(data["robot"]), {})
-        for change in data["changes"]:
-            if change["path"]:
-                continue
-            variables = instances.setdefault(change["instance"], {})
-            variables.update((name, with_numbers(value)) for name, value in change.get("set", {}).items())
-            for name in change.get("unset", ()):
-                variables.pop(name, None)
-        self._read(time, str(data["robot"]))  # also what an instance has set as it ended
-        for change in data["changes"]:
-            if change.get("gone") and not change["path"]:
-                instances.pop(change["instance"], None)
+        robot, changes = str(data["robot"]), data["changes"]
+        state = self._robots.setdefault(robot, RobotState())
+        state.apply(VARIABLES, {"changes": [{**each, "gone": False} for each in changes]}, time)
+        self._read(time, robot)  # also what an instance has set as it ended
+        state.apply(VARIABLES, {"changes": [each for each in changes if each.get("gone")]}, time)
 
     def _read(self, time: int, robot: str) -> None:
         """Sample the variables of the instance that started last."""
-        instances = self._scopes.get(robot, {})
-        if instances and robot in self._reads:
-            last = max(instances)
-            self.judge.variables(time, self._reads[robot], last, instances[last])
+        state = self._robots.get(robot)
+        if state is not None and robot in self._reads:
+            whole = {scope.instance: scope.values for scope in state.scopes.values() if not scope.parent}
+            if whole:
+                values, names = whole[max(whole)], {source.name for source in self._reads[robot]}
+                sampled = {name: with_numbers(values[name]) for name in names & values.keys()}
+                self.judge.variables(time, self._reads[robot], max(whole), sampled)
 
     def _take_world(self, time: int, data: Mapping[str, Any]) -> None:
         for robot, look in scene_values(data) if self._poses else ():
@@ -339,6 +334,8 @@ class TeamJudge:
         for robot in data["robots"].keys() - self._seen:
             if self._whole and data["robots"][robot]["instances"]:
                 self.judge.lose(robot, f"the recording does not have the beginning of {robot}")
+        for robot in data["robots"].keys() - self._robots.keys():
+            self._robots[robot] = RobotState.from_key(data["robots"][robot])
         self._see(data["robots"])
 
 

@@ -124,10 +124,7 @@ def write_ocel(
 
 
 class _Variables:
-    """The variables of a team, and the objects that they name: `named` is type -> variable.
-
-    Raises ConfigError for a recording that does not say what a sub-process sees: earlier versions made such ones.
-    """
+    """The variables of a team, and the objects that they name: `named` is type -> variable."""
 
     def __init__(self, named: ObjectVariables, file: str) -> None:
         for kind in named:
@@ -136,7 +133,6 @@ class _Variables:
         self.named, self._file = named, file
         self._team = TeamState(0)
         self._known, self._found = set[str](), set[str]()  # variables; types of which there is an object
-        self._roots: dict[tuple[str, int], int] = {}  # instance -> its scope that sees itself alone
 
     def begin(self, instant: Sequence[RecordedMessage]) -> None:
         """Take the values that variables have at the end of an instant; scopes that end are there until `end`."""
@@ -145,6 +141,8 @@ class _Variables:
                 self._team = TeamState.from_key(message.time, message.json())
                 scopes = (scope for robot in self._team.robots.values() for scope in robot.scopes.values())
                 self._known.update(name for scope in scopes for name in scope.values)
+            elif message.topic == EVENTS:
+                self._team.apply(message.time, EVENTS, message.json())
             elif message.topic == VARIABLES:
                 self._change(message, gone=False)
 
@@ -164,11 +162,7 @@ class _Variables:
         state = self._team.robots.get(robot)
         if state is None or not self.named:
             return {}
-        instance = robot, place["instance"]
-        if "sees" not in place and self._roots.setdefault(instance, place["scope"]) != place["scope"]:
-            text = "does not say which variables an event sees: an earlier FAME made it; --object needs a new one"
-            raise ConfigError(text, file=self._file)
-        values, found = state.visible(place), {}
+        values, found = state.visible(place["scope"]), {}
         for kind, variable in self.named.items():
             value = values.get(variable)
             if isinstance(value, str | int | float):

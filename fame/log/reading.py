@@ -20,6 +20,7 @@ from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
 from fame.log.mission_level import PART
 from fame.log.recording import Recording
+from fame.robot.robot_state import outcomes_of
 from fame.text import open_file, suggestion, unreadable, wrong_ending
 
 _Row = Mapping[str, Any]
@@ -147,15 +148,11 @@ class _Instance:
 
 
 def tally(counts: Mapping[str, int], *, over: bool) -> Counter[ElementOutcome]:
-    """Return how often an element had each outcome, from the counts of its marks. `over`: nothing runs any more.
-
-    An error end event has the marks leave and fail, which count as one failure.
-    """
-    left, failed, cancelled = counts.get("leave", 0), counts.get("fail", 0), counts.get("cancel", 0)
-    under_way = counts.get("enter", 0) - left - failed - cancelled
-    completed = left + counts.get("take", 0) - min(failed, max(0, -under_way))
+    """Return how often an element had each outcome, from the counts of its marks. `over`: nothing runs any more."""
+    active = max(0, counts.get("enter", 0) - sum(counts.get(what, 0) for what in ("leave", "fail", "cancel")))
+    completed, failed, cancelled = outcomes_of(counts, active)
     found = Counter[ElementOutcome]({"completed": completed, "failed": failed, "cancelled": cancelled})
-    found["cancelled" if over else "waiting"] += max(0, under_way)
+    found["cancelled" if over else "waiting"] += active
     return +found
 
 

@@ -10,7 +10,6 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.model import Definitions
@@ -22,7 +21,7 @@ from fame.log.team_state import KeyWriter, Put
 from fame.middleware.interface import ENGINE
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import ENDED, Event, Observer
-from fame.robot.robot_state import RobotState
+from fame.robot.live import distinct_names
 from fame.scripting.transforms import TOPICS as TF_TOPICS
 
 if TYPE_CHECKING:
@@ -88,11 +87,12 @@ class TopicRecorder:
 class Recorder(Observer):
     """An observer that writes a recording. `start` is called before the first message, and gives the file.
 
-    `topics`: the messages of which topics are recorded (`LogTopics`).
+    `topics`: the messages of which topics are recorded (`LogTopics`). `files`: the paths of the models in the file, by
+    default those of each robot.
     """
 
-    def __init__(self, start: Callable[[], Sink], topics: LogTopics = "signals") -> None:
-        self._start = start
+    def __init__(self, start: Callable[[], Sink], topics: LogTopics = "signals", files: Sequence[str] = ()) -> None:
+        self._start, self._files = start, files
         self._topics = TopicRecorder(self.begin, every=topics == "all")
         self._file: Sink | None = None
         self._writer = KeyWriter(lambda topic, time, data: self.begin().put(topic, time, data))
@@ -116,8 +116,9 @@ class Recorder(Observer):
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Record this robot."""
-        tracker = self._trackers[node.name] = ChangeTracker(node, self._writer.change)
-        self._writer.state.robots[node.name] = RobotState(process=node.mission.process.id)
+        files = self._files or [*node.mission.files]
+        tracker = self._trackers[node.name] = ChangeTracker(node, self._writer.change, files)
+        self._writer.state.robots[node.name] = tracker.begin()
         self._scheduler = node.scheduler
         self._topics.add(node)
         return partial(self._mark, tracker)
@@ -179,15 +180,16 @@ def recording_to(
     start: Callable[[], Sink], files: Iterable[Definitions], about: About, topics: LogTopics
 ) -> Iterator[Recorder]:
     """An observer that writes a recording. `start` is called before the first message."""
+    models = [*files]
 
     def begin() -> Sink:
         writer = start()
         writer.describe(about.metadata)
-        for name, media_type, data in (*model_attachments(files), *about.attachments):
+        for name, media_type, data in (*model_attachments(models), *about.attachments):
             writer.attach(name, media_type, data)
         return writer
 
-    recorder = Recorder(begin, topics)
+    recorder = Recorder(begin, topics, [model.file for model in models])
     try:
         yield recorder
     finally:
@@ -195,14 +197,7 @@ def recording_to(
             recorder.finish()
 
 
-def model_attachments(files: Iterable[Definitions]) -> Iterator[tuple[str, str, bytes]]:
+def model_attachments(files: Sequence[Definitions]) -> Iterator[tuple[str, str, bytes]]:
     """Yield the models of a run as attachments: name, media type, content."""
-    used: set[str] = set()
-    for definitions in files:
-        path, number = Path(definitions.file), 1
-        name = f"models/{path.name or 'model.bpmn'}"
-        while name in used:
-            number += 1
-            name = f"models/{path.stem}-{number}{path.suffix}"
-        used.add(name)
-        yield name, "application/bpmn+xml", definitions.source
+    for name, definitions in zip(distinct_names(each.file for each in files), files, strict=True):
+        yield f"models/{name}", "application/bpmn+xml", definitions.source

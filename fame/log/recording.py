@@ -7,6 +7,7 @@ is read up to where it is whole: `Recording.warnings` says so.
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from copy import copy
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from fame.clock import SECOND
@@ -21,7 +23,7 @@ from fame.closing import Closing
 from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, WAITING, WORLD
-from fame.log.mcap_index import ChunkPlace, chunk_messages, in_order, read_index
+from fame.log.mcap_index import ChunkPlace, McapIndex, chunk_messages, in_order, read_index
 from fame.log.team_state import TeamState
 from fame.robot.events import ENDED, Event
 from fame.text import open_file, unreadable
@@ -90,6 +92,7 @@ class Recording(Closing):
         self.file: str = str(path)
         try:
             self._stream: BinaryIO = open_file(Path(path))
+            self._is_renewed = False  # whether it is a copy, of a file of an older format
         except OSError as error:
             raise ConfigError(unreadable(error), file=self.file) from None
         try:
@@ -100,12 +103,24 @@ class Recording(Closing):
             raise
 
     def _open(self) -> None:
+        self.warnings = self._read_index().warnings
+        self._check_format()
+        if self.metadata.get("format") == "1":
+            from fame.log.format_1 import renew
+
+            with self._stream:
+                renewed = renew(self)
+            self._stream, self._is_renewed = renewed, True
+            self._read_index()
+        last = self.state(self.end)
+        self.robots = sorted(last.robots)
+
+    def _read_index(self) -> McapIndex:
         index = read_index(self._stream, self.file)
-        self.warnings, self._chunks = index.warnings, index.chunks
+        self._chunks = index.chunks
         self._channels: Mapping[int, Channel] = index.channels
         self._schemas: Mapping[int, Schema] = index.schemas
         self.metadata, self.attachments = index.metadata, index.attachments
-        self._check_format()
         self.topics = {
             channel.topic: RecordedTopic(
                 channel.topic,
@@ -124,8 +139,7 @@ class Recording(Closing):
         ended = int(said) if said.isascii() and said.isdecimal() and len(said) < 20 else 0
         self.end = max([ended, *(chunk.end for chunk in self._chunks)])
         self._keep_chunks()
-        last = self.state(self.end)
-        self.robots = sorted(last.robots)
+        return index
 
     def _keep_chunks(self) -> None:
         self._load: Callable[[ChunkPlace], list[RecordedMessage]] = lru_cache(_KEPT_CHUNKS)(self._read_chunk)
@@ -137,7 +151,7 @@ class Recording(Closing):
         """
         other = copy(self)
         try:
-            other._stream = open_file(Path(self.file))
+            other._stream = copy_of(self._stream) if self._is_renewed else open_file(Path(self.file))
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", file=self.file) from None
         other._keep_chunks()
@@ -306,6 +320,13 @@ class Recording(Closing):
         numbers = {number for number, channel in self._channels.items() if topics is None or channel.topic in topics}
         return (chunk for chunk in self._chunks if chunk.channels & numbers)
 
+    def channel(self, topic: str, node: str) -> tuple[Channel, Schema]:
+        """Return the channel of the messages that a node has published on a topic, and its schema."""
+        found = next(
+            one for one in self._channels.values() if (one.topic, one.metadata.get("node", "")) == (topic, node)
+        )
+        return found, self._schemas[found.schema_id]
+
     def _read_chunk(self, chunk: ChunkPlace) -> list[RecordedMessage]:
         """The messages of a chunk, by time."""
         ends = {number: (one.topic, one.metadata.get("node", "")) for number, one in self._channels.items()}
@@ -332,6 +353,15 @@ def _events(message: RecordedMessage) -> list[Event]:
             where = message.time, str(data["robot"]), int(group["instance"]), int(group["scope"])
             found.append(Event(*where, element, what, *detail))
     return found
+
+
+def copy_of(stream: BinaryIO) -> BinaryIO:
+    """Return a copy of a temporary file, for another thread. To be closed."""
+    other: Any = TemporaryFile()  # noqa: SIM115 (who gets it closes it)
+    other.write(os.pread(stream.fileno(), os.fstat(stream.fileno()).st_size, 0))
+    other.seek(0)
+    copied: BinaryIO = other
+    return copied
 
 
 def _register(type: str, definition: str) -> None:

@@ -12,6 +12,8 @@ from fame.log.channels import CHANNELS, FORMAT
 from fame.version import current as fame_version
 
 if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
     from fame.log.mcap_writer import McapWriter
     from fame.middleware.messages import Message
 
@@ -69,6 +71,11 @@ class RecordingFile(Sink):
             text = codec.typestore(type).generate_msgdef(type, ros_version=2)[0]
             schema = self._schemas[type] = self._writer.schema(type, "ros2msg", text.encode())
         return self._writer.channel(topic, "cdr", schema, {"node": node})
+
+    def same_channel(self, channel: Channel, schema: Schema) -> int:
+        """Return the number of a channel like that of another file."""
+        number = self._writer.schema(schema.name, schema.encoding, schema.data)
+        return self._writer.channel(channel.topic, channel.message_encoding, number, channel.metadata)
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
         """Write a message of one of `CHANNELS` at a time (ns), as JSON."""

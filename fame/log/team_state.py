@@ -33,13 +33,13 @@ class TeamState:
     @classmethod
     def from_key(cls, time: int, data: Mapping[str, Any]) -> TeamState:
         """Return the state that a key message holds."""
-        return cls(time, {name: RobotState.from_key(robot) for name, robot in data["robots"].items()})
+        return cls(time, {name: RobotState.from_key(robot, time) for name, robot in data["robots"].items()})
 
     def apply(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         """Change it by the next message."""
         self.time = time
         if "robot" in data:
-            self.robots.setdefault(data["robot"], RobotState()).apply(topic, data)
+            self.robots.setdefault(data["robot"], RobotState()).apply(topic, data, time)
 
 
 class KeyWriter:
@@ -82,8 +82,11 @@ def shift_times(topic: str, data: Mapping[str, Any], by: int) -> Mapping[str, An
         return {**data, **{name: data[name] + by / SECOND for name in ("time", "began") if data[name] is not None}}
     if topic == WAITING:
         return {**data, "tokens": _shift_tokens(data["tokens"], by)}
-    robots = {name: {**robot, "tokens": _shift_tokens(robot["tokens"], by)} for name, robot in data["robots"].items()}
-    return {**data, "robots": robots}
+    shifted = {
+        name: {**robot, **{part: _shift_tokens(robot[part], by) for part in ("tokens", "active")}}
+        for name, robot in data["robots"].items()
+    }
+    return {**data, "robots": shifted}
 
 
 _TIMES = ("since", "gone", "silent")

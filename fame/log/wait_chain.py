@@ -98,7 +98,7 @@ class WaitChain:
         for wait in self._waits(robot):
             if not _is_held_by(wait, circle):
                 yield f"{robot}, {self._label(robot, wait)}, for {wait_text(wait)}"
-            inside = {*wait.get("path", ()), wait["element"]}
+            inside = {*self.states[robot].path(wait.get("scope", 0)), wait["element"]}
             for body in self._bodies(robot):
                 if not inside.isdisjoint(node.id for node in body.nodes):
                     yield from (f"{robot}, {way}" for way in ways_out(body, inside))

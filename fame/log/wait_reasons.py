@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -23,10 +23,12 @@ if TYPE_CHECKING:
 class WaitReason:
     """A waiting token: its entry in ``/fame/waiting``, the label of its element, the values that its conditions read.
 
-    `seconds`: for how long it has waited; `now`: ns of the robot's clock.
+    `path`: ids of the activities that it is inside; `seconds`: for how long it has waited; `now`: ns of the robot's
+    clock.
     """
 
     token: Mapping[str, Any]
+    path: Sequence[str]
     label: str
     values: Mapping[str, Any]
     seconds: float
@@ -34,7 +36,7 @@ class WaitReason:
 
     def lines(self, robot: str) -> Iterator[str]:
         """Yield the reason in words."""
-        path = "".join(f" in {inner}" for inner in reversed(self.token.get("path", ())))
+        path = "".join(f" in {inner}" for inner in reversed(self.path))
         where = display_name(self.token["element"], self.label)
         yield printable(f"{robot} waits at {where}{path}, for {self.seconds:.1f} s, for {wait_text(self.token)}")
         if self.token.get("suspended"):
@@ -60,7 +62,13 @@ class WaitReason:
 
     def to_json(self) -> dict[str, Any]:
         """Return the same as data."""
-        return {**self.token, "label": self.label, "values": dict(self.values), "seconds": round(self.seconds, 3)}
+        return {
+            **self.token,
+            "path": list(self.path),
+            "label": self.label,
+            "values": dict(self.values),
+            "seconds": round(self.seconds, 3),
+        }
 
 
 def wait_text(token: Mapping[str, Any]) -> str:
@@ -87,10 +95,11 @@ def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int)
         label = infos.get(token["element"], UNKNOWN).name
         if element and element not in (token["element"], label):
             continue
-        known = state.visible(token)
+        known = state.visible(token["scope"])
         names = {name for condition in token.get("conditions", ()) for name in condition["reads"]}
         values = {name: known[name] for name in sorted(names) if name in known}
-        reasons.append(WaitReason(token, label, values, max(0.0, (now - token["since"]) / SECOND), now))
+        seconds = max(0.0, (now - token["since"]) / SECOND)
+        reasons.append(WaitReason(token, state.path(token["scope"]), label, values, seconds, now))
     if element and not reasons:
         there = sorted({token["element"] for token in state.tokens.values()})
         raise DeploymentError(f"no token waits at {element!r}; {suggestion(element, there)}")

@@ -1,23 +1,23 @@
-"""Changes in one robot: events, variables, and what its tokens wait for.
+"""Changes in one robot: scopes that open and end, events, variables, and what its tokens wait for.
 
 A `ChangeTracker` is told what happens in one engine. At the end of the instant (`flush`) it compares variables and
-waiting tokens with what it knew, and passes on the messages of what is different (docs/recording_format.md).
+waiting tokens with what it knew, and passes on the messages of what is different (docs/recording_format.md). What a
+scope is, is said once, when it opens.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from itertools import compress
 from operator import is_not
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
 from fame.engine.data import is_data
-from fame.engine.program import Mark, Node
-from fame.engine.state import Instance, Scope, Trail, Wait
+from fame.engine.program import Body, Handler, Mark, Node
+from fame.engine.state import Instance, Scope, Trail, Wait, scopes_of
 from fame.robot.plain_values import content_of, encoded, is_changeable, plain
-from fame.robot.robot_state import EVENTS, VARIABLES, WAITING
+from fame.robot.robot_state import EVENTS, VARIABLES, WAITING, RobotState, ScopeState
 
 if TYPE_CHECKING:
     from fame.robot.events import Event
@@ -27,59 +27,116 @@ PutChange = Callable[[int, str, Mapping[str, Any]], object]
 """Takes a time (ns), the topic of a channel, and the content of a message."""
 
 _MANY = 1000
-"""Groups of marks that are kept while the tracker is not active, and places of scopes."""
+"""Groups of marks that are kept while the tracker is not active."""
 _NO_SCRIPT = (0, None, None)
 """The state of a wait that is neither suspended nor for a script."""
 _JOIN = {"kind": "join", "text": "tokens on its other flows"}
 
 
 class ChangeTracker:
-    """Finds the changes in the engine of `node`. `put` gets every message.
+    """Finds the changes in the engine of `node`. `put` gets every message; `files` are the paths of its models.
 
-    While it is not `active`, it passes on events alone, to be counted; the next `flush` after that passes on all.
+    While it is not `active`, it passes on events and ends of scopes alone, to be counted; the next `flush` after that
+    passes on all.
     """
 
     active: bool = True
 
-    def __init__(self, node: RobotNode, put: PutChange) -> None:
+    def __init__(self, node: RobotNode, put: PutChange, files: Sequence[str]) -> None:
         self.robot: str = node.name
         self._node, self._waiting, self._put = node, node.waiting, put
-        self._groups: list[tuple[Mapping[str, Any], Sequence[Mark]]] = []  # a place, and what happened there
-        self._place = lru_cache(_MANY)(_place)
-        self._where = lru_cache(_MANY)(_where)
+        self._files = {file: number for number, file in reversed([*enumerate(files)])}
+        self._home: dict[Body, int] = {}  # the number of the file that a body is of
+        self._groups: list[tuple[int, int, Sequence[Mark]]] = []  # instance, scope, and what happened there
+        self._open: dict[int, Scope] = {}  # scopes that are open, as far as it was said
+        self._opens: list[dict[str, Any]] = []  # what is still to be said
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
         self._tokens: dict[Hashable, tuple[object, int]] = {}  # waiting tokens: what is compared, since when (ns)
         self._graph_due = 0  # when to look again who publishes (ns)
         self._waits: dict[Node, Mapping[str, Any]] = {}  # what is the same for every token there
 
+    def begin(self) -> RobotState:
+        """Return the state before the first change: of an engine that was restored, what it is in the middle of."""
+        state, now = RobotState(process=self._node.mission.process.id), self._node.scheduler.now
+        for instance in self._node.engine.instances.values():
+            state.instances[instance.key] = instance.process, instance.status
+            for scope in scopes_of(instance.root):
+                self._announce(scope)
+                state.scopes[scope.key] = self._describe(scope)
+                for where, element in _entered(scope):
+                    held = state.active.setdefault((where, element), [0, now])
+                    held[0] += 1
+                    counts = state.counts.setdefault(state.file_of(where), {}).setdefault(element, {"enter": 0})
+                    counts["enter"] += 1
+        self._opens.clear()
+        return state
+
     # ---- what happens ------------------------------------------------------------------------------------------------
 
     def event(self, event: Event) -> None:
         """Take an event, which need not be a step of a token."""
-        self._groups.append(({"instance": event.instance, "scope": event.scope}, (event[4:],)))
+        self._groups.append((event.instance, event.scope, (event[4:],)))
 
     def trail(self, trail: Trail) -> None:
         """Take what tokens did, from the engine."""
-        place = self._place
-        self._groups += [(place(scope), marks) for scope, marks in trail]
+        known = self._open
+        for scope, marks in trail:
+            if scope.key not in known:
+                self._announce(scope)
+            self._groups.append((scope.instance.key, scope.key, marks))
         if not self.active and len(self._groups) > _MANY:
             self.give_events(0)
 
     def give_events(self, time: int) -> None:
         """Pass on the events until `time` (ns) alone."""
         groups, self._groups = self._groups, []
-        if groups:
+        opens, self._opens = self._opens, []
+        if groups or opens:
             events = [
-                {**place, "marks": [mark[:2] if mark[2] is None else (*mark[:2], plain(mark[2])) for mark in marks]}
-                for place, marks in groups
+                {"instance": instance, "scope": scope, "marks": [_mark(mark) for mark in marks]}
+                for instance, scope, marks in groups
             ]
-            self._put(time, EVENTS, {"robot": self.robot, "events": events})
+            self._put(time, EVENTS, {"robot": self.robot, **({"opens": opens} if opens else {}), "events": events})
+        if not self.active and (ends := self._ended()):
+            self._put(time, VARIABLES, {"robot": self.robot, "changes": [{"scope": key, "gone": True} for key in ends]})
+            self._scopes = {key: variables for key, variables in self._scopes.items() if key not in ends}
+
+    def _announce(self, scope: Scope) -> None:
+        """Note what a scope is, after those around it."""
+        chain, around = [scope], scope.parent
+        while around is not None and around.key not in self._open:
+            chain.append(around)
+            around = around.parent
+        for each in reversed(chain):
+            self._open[each.key] = each
+            self._opens.append(self._describe(each).to_json(each.key))
+
+    def _describe(self, scope: Scope) -> ScopeState:
+        parent, node = scope.parent, scope.node
+        inside = [node.id] if node is not None and node.body is not None and node.body.entries else []
+        inside += [handler.id for handler in scope.handles[-1:]]
+        return ScopeState(scope.instance.key, parent.key if parent is not None else 0, tuple(inside), self._file(scope))
+
+    def _file(self, scope: Scope) -> int:
+        """The number of the file that the elements in a scope are of."""
+        body = scope.body
+        if body is None or not body.entries:  # of one element, which is repeated or has variables of its own
+            return self._files.get(scope.node.file, 0) if scope.node is not None else 0
+        if body not in self._home:
+            self._home[body] = self._files.get(next(iter(body.entries.values())).file, 0)
+        return self._home[body]
+
+    def _ended(self) -> list[int]:
+        """Forget the scopes that have ended, and return their numbers."""
+        ended = [key for key, scope in self._open.items() if not scope.alive]
+        for key in ended:
+            del self._open[key]
+        return ended
 
     # ---- what is different -------------------------------------------------------------------------------------------
 
     def flush(self, time: int) -> None:
         """Pass on all changes until `time` (ns), the end of an instant."""
-        self.give_events(time)
         if time >= self._graph_due:
             self._graph_due = time + SECOND
             if self._waiting.refresh_publishers():
@@ -87,26 +144,28 @@ class ChangeTracker:
                 self._tokens = {key: (None, since) for key, (_, since) in self._tokens.items()}
         owners, waits, joins = _look(self._node.engine.instances.values())
         changes = self._compare_variables(owners)
+        tokens, gone = self._compare_tokens(time, waits, joins)
+        self.give_events(time)
         if changes:
             self._put(time, VARIABLES, {"robot": self.robot, "changes": changes})
-        tokens, gone = self._compare_tokens(time, waits, joins)
         if tokens or gone:
             self._put(time, WAITING, {"robot": self.robot, "tokens": tokens, "gone": gone})
 
     def _compare_variables(self, owners: Sequence[Scope]) -> list[Mapping[str, Any]]:
-        """What changed in scopes with variables of their own, and which of them are gone."""
+        """What changed in scopes with variables of their own, and which scopes have ended."""
         known, changes = self._scopes, list[Mapping[str, Any]]()
         for scope in owners:
             variables = known.get(scope.key)
             if variables is None:
                 variables = known[scope.key] = _ScopeVariables(scope)
+                if scope.key not in self._open:
+                    self._announce(scope)
             change = variables.change()
             if change:
-                changes.append({**variables.where, **change})
-        if len(known) > len(owners):
-            there = {scope.key for scope in owners}
-            ended = [known.pop(key) for key in [*known] if key not in there]
-            changes += [{**variables.where, **variables.change(), "gone": True} for variables in ended]
+                changes.append({"scope": scope.key, **change})
+        for key in self._ended():
+            own = known.pop(key, None)
+            changes.append({"scope": key, **(own.change() if own is not None else {}), "gone": True})
         return changes
 
     def _compare_tokens(
@@ -139,7 +198,10 @@ class ChangeTracker:
         return fresh, [str(key) for key in before if key not in now]
 
     def _token(self, key: str, scope: Scope, node: Node, since: int, details: Mapping[str, Any]) -> dict[str, Any]:
-        return {"key": key, **self._where(scope), "element": node.id, "since": since, **details}
+        if scope.key not in self._open:
+            self._announce(scope)
+        where = {"instance": scope.instance.key, "scope": scope.key}
+        return {"key": key, **where, "element": node.id, "since": since, **details}
 
     def _details(self, wait: Wait, state: object) -> Mapping[str, Any]:
         """What a token waits for."""
@@ -155,7 +217,6 @@ class _ScopeVariables:
     """The variables of a scope as they were at the last look."""
 
     def __init__(self, scope: Scope) -> None:
-        self.where: Mapping[str, Any] = {**_place(scope), "path": list(path_of(scope))}
         self._variables = scope.variables
         self._values: dict[str, Any] = {}
         self._contents: dict[str, object] = {}  # of values that may change in place; None where nobody can tell
@@ -200,13 +261,8 @@ _NOTHING = object()
 """The value of a variable that was not there."""
 
 
-def _where(scope: Scope) -> Mapping[str, Any]:
-    """The place of a token in a scope: that of the scope, the activities around it, and the body it is in."""
-    body: Scope | None = scope
-    while body is not None and body.body is None:
-        body = body.parent
-    inside = body.body.id if body is not None and body.body is not None else ""
-    return {**_place(scope), "path": list(path_of(scope)), "body": inside}
+def _mark(mark: Mark) -> Sequence[Any]:
+    return mark[:2] if mark[2] is None else (*mark[:2], plain(mark[2]))
 
 
 def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[tuple[Scope, Node]]]:
@@ -234,24 +290,13 @@ def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[
     return owners, waits, joins
 
 
-def _place(scope: Scope) -> dict[str, Any]:
-    """The instance and the number of a scope, and the scopes whose variables it sees unless these are its own alone."""
-    owners: list[int] = []
-    around: Scope | None = scope
-    while around is not None:
-        if around.parent is None or around.parent.variables is not around.variables:
-            owners.append(around.key)
-        around = around.parent
-    sees = {} if owners == [scope.key] else {"sees": owners}
-    return {"instance": scope.instance.key, "scope": scope.key, **sees}
-
-
-def path_of(scope: Scope) -> Iterator[str]:
-    """Return the ids of the activities that a scope is inside, the outermost first."""
-    ids: list[str] = []
-    around: Scope | None = scope
-    while around is not None:
-        if around.node is not None and around.node.id and ids[-1:] != [around.node.id]:
-            ids.append(around.node.id)
-        around = around.parent
-    return reversed(ids)
+def _entered(scope: Scope) -> Iterable[tuple[int, str]]:
+    """Where tokens have entered an element and not left it, as observers saw it: those in a scope, and its own."""
+    for wait in scope.children:
+        if isinstance(wait, Wait) and wait.token and wait.node.plain_step is not None:
+            yield scope.key, wait.node.id
+    for handler in scope.handles:
+        yield scope.key, handler.id
+    node = scope.node
+    if node is not None and node.plain_step is not None and scope.parent is not None:
+        yield (scope.key if isinstance(node.spec, Handler) else scope.parent.key), node.id

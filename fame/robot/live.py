@@ -8,8 +8,10 @@ docs/recording_format.md describes the JSON.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
+from itertools import chain, count
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Protocol
 from weakref import WeakSet
 
@@ -188,8 +190,8 @@ class ProcessFeed(Observer):
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Follow this process from its first step on."""
-        self.node, self._tracker = node, ChangeTracker(node, self._take)
-        self.state = RobotState(process=node.mission.process.id)
+        self.node, self._tracker = node, ChangeTracker(node, self._take, [*node.mission.files])
+        self.state = self._tracker.begin()
         self._tracker.active = False
         return self._mark
 
@@ -215,7 +217,7 @@ class ProcessFeed(Observer):
 
     def _take(self, time: int, topic: str, data: Mapping[str, Any]) -> None:
         assert self._tracker is not None
-        self.state.apply(topic, data)
+        self.state.apply(topic, data, time)
         if self._tracker.active:
             self._feed.put(time, topic, data)
 
@@ -261,9 +263,18 @@ class ElementFeed(Observer):
             self._publisher.publish(messages.create(STRING, text))
 
 
+def distinct_names(paths: Iterable[str]) -> list[str]:
+    """Return the name of each file, with a number where an earlier one has the same name."""
+    names: dict[str, None] = {}
+    for path in map(PurePath, paths):
+        numbered = (f"{path.stem}-{number}{path.suffix}" for number in count(2))
+        names[next(name for name in chain((path.name or "model.bpmn",), numbered) if name not in names)] = None
+    return [*names]
+
+
 def _model_data(node: RobotNode, epoch: str, seed: int) -> Mapping[str, Any]:
     """The content of ``bpmn_model``: the running process, its file and those of all processes that it calls."""
-    files = {home.file: home for home, _ in node.mission.processes()}
+    files = node.mission.files
     return {
         "protocol": PROTOCOL,
         "robot": node.name,
@@ -271,7 +282,7 @@ def _model_data(node: RobotNode, epoch: str, seed: int) -> Mapping[str, Any]:
         "epoch": epoch,
         "seed": seed,
         "models": [
-            {"name": file.rpartition("/")[2], "xml": home.source.decode("utf-8", "replace")}
-            for file, home in files.items()
+            {"name": name, "xml": home.source.decode("utf-8", "replace")}
+            for name, home in zip(distinct_names(files), files.values(), strict=True)
         ],
     }

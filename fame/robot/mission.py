@@ -65,6 +65,11 @@ class Mission:
             found.update(sha256(source).digest())
         return found.hexdigest()
 
+    @cached_property
+    def files(self) -> Mapping[str, Definitions]:
+        """The models of these processes by path, that of the mission first: events name them by their number."""
+        return {home.file: home for home, _ in self.processes()}
+
     def flow_nodes(self) -> Iterator[tuple[Definitions, FlowNode]]:
         """Return the flow nodes of all these processes, each with its file."""
         return ((home, node) for home, process in self.processes() for node in process.body.walk())

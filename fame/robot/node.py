@@ -105,8 +105,6 @@ class RobotNode:
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
         if compiled:
             self._assemble_or_close()
-        if self.host.observer is not None:
-            self.host.scripts.on_step = self.host.observer.watch(self)
 
     # ---- life --------------------------------------------------------------------------------------------------------
 
@@ -140,10 +138,13 @@ class RobotNode:
         self.attach(engine)
 
     def attach(self, engine: Engine) -> None:
-        """Drive this engine from now on: a new one, or one restored from a snapshot of the last."""
+        """Drive this engine from now on: a new one, or one restored from a snapshot of the last, which may be in the
+        middle of something: observers watch the robot anew."""
         self.engine = self.host.engine = self.host.scripts.engine = engine
         engine.on_incident = self._on_incident if self._hold_errors else None
         self.instances[:] = [engine.instances.get(instance.key, instance) for instance in self.instances]
+        if self.host.observer is not None:
+            self.host.scripts.on_step = self.host.observer.watch(self)
 
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""

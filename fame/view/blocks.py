@@ -2,7 +2,7 @@
 
 A block begins with the state at its start: tokens, counts, variables, waits. Then come columns of events and lists of
 changes, in order of time. At any instant the page shows the state at the start of a block, changed by what the block
-has up to that instant. The page replays blocks as `RunState` does here; a test compares both.
+has up to that instant, as `fame.robot.robot_state` does it; a test compares both.
 
 Times are ns since the start of the run. Robots, elements and kinds of events are numbers.
 """
@@ -10,23 +10,20 @@ Times are ns since the start of the run. Robots, elements and kinds of events ar
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from tempfile import TemporaryFile
 from typing import IO, Any, NamedTuple
 
-from fame.bpmn.model import SubProcess
 from fame.closing import Closing
 from fame.fast_json import json_bytes, json_value
 from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
-from fame.log.reading import tally
 from fame.log.recording import scene_values
 from fame.log.wait_reasons import wait_text
 from fame.robot.plain_values import plain
-from fame.robot.robot_state import ended_of
+from fame.robot.robot_state import RobotState
 from fame.view.catalogue import NOWHERE, Catalogue
-from fame.view.state import END, START, WHATS, RunState, ScopeInfo, TokenKey, scope_row
+from fame.view.state import WHATS, RunState
 
 SIZE = 3000
 """Events after which a block is full. Replaying one takes the page less than a millisecond."""
@@ -35,8 +32,6 @@ ITEMS = 4000
 _WHAT = {what: number for number, what in enumerate(WHATS)}
 
 ListChange = list[Any]
-_Place = tuple[int, tuple[str, ...]]
-"""Where a scope is: its instance, and the activities that it is inside (ids)."""
 
 COLUMNS = ("t", "r", "i", "s", "e", "w")
 """Of events: time, robot, instance, scope, element, kind."""
@@ -140,16 +135,20 @@ class BlockSize(NamedTuple):
 
 
 class Packer:
-    """Cuts events and changes, given in order of time, into blocks. `begun`: whether it had a key message."""
+    """Cuts events and changes, given in order of time, into blocks. `begun`: whether it had a key message.
+
+    `files` are the models of the run, as events number them: by default those of the catalogue.
+    """
 
     state: RunState
     begun: bool
 
-    def __init__(self, catalogue: Catalogue, robots: Iterable[str] = ()) -> None:
+    def __init__(self, catalogue: Catalogue, robots: Iterable[str] = (), files: Sequence[int] | None = None) -> None:
         self.catalogue = catalogue
         self.robots: list[str] = []
         self._robot: dict[str, int] = {}
-        self._files: dict[int, Set[int]] = {}  # of robots that run files of their own
+        self._all: Sequence[int] = range(len(catalogue.files)) if files is None else files
+        self._files: dict[int, Sequence[int]] = {}  # of robots that run files of their own
         for robot in robots:
             self.robot(robot)
         self.state = RunState()
@@ -168,6 +167,8 @@ class Packer:
         """Number, start, end and number of events of the blocks from `first` on, before `until`."""
         return [[block.number, block.start, block.end, block.events] for block in self.blocks[first:until]]
 
+    # ---- numbers -----------------------------------------------------------------------------------------------------
+
     def robot(self, name: str) -> int:
         number = self._robot.setdefault(name, len(self.robots))
         if number == len(self.robots):
@@ -176,48 +177,47 @@ class Packer:
 
     def element(self, robot: int, id: str) -> int:
         """Return the number of an element of the files that a robot runs; NOWHERE if there is no such element."""
-        return next(iter(self._candidates(robot, id)), NOWHERE)
+        found, files = self.catalogue.candidates(id), self._files.get(robot, self._all)
+        own = [number for number in found if self.catalogue.elements[number].file in files]
+        return next(iter(own or found), NOWHERE)
 
-    def _candidates(self, robot: int, id: str) -> Sequence[int]:
-        """The elements with an id in the files that a robot runs; in any file if those have none."""
-        found, files = self.catalogue.candidates(id), self._files.get(robot)
-        own = [number for number in found if self.catalogue.elements[number].file in files] if files else ()
-        return own or found
+    def run(self, robot: int, files: Sequence[int]) -> None:
+        """Note which files a robot runs from now on, as its events number them; NOWHERE is one that cannot be shown."""
+        if files and self._files.get(robot) != files:
+            self._files[robot] = files
+            if self.blocks:
+                self._begin_block(self.end)
 
-    def run(self, robot: int, files: Set[int]) -> None:
-        """Note which files a robot runs from now on: other files, such as its last model, may use the same ids.
+    def _number(self, robot: int, file: int, id: str) -> int:
+        """The number of an element, by the number that a robot has for its file.
 
-        What is known of its mission moves to the elements of these files with the same ids.
+        A recorder may have other files than the robot, which runs one with all that it calls: then the id has to do.
         """
-        if not files or self._files.get(robot) == files:
-            return
-        self._files[robot] = files
-        if self.blocks:
-            self.state.move(robot, partial(self._moved, robot), partial(self._moved_file, robot))
-            self._begin_block(self.end)
+        if not id:
+            return NOWHERE
+        files = self._files.get(robot, self._all)
+        here = self.catalogue.find(files[file], id) if file < len(files) else NOWHERE
+        elsewhere = self.element(robot, id) if here == NOWHERE else here
+        return elsewhere if elsewhere != NOWHERE else self.catalogue.number(0, id)
 
-    def _moved(self, robot: int, number: int) -> int:
-        """The element of the files that a robot runs with the id of another one, in a body with the same id."""
-        if number < 0:
-            return number
-        elements = self.catalogue.elements
-        _, element, body = elements[number]
-        candidates = self._candidates(robot, element.id)
-        inside = elements[body].element.id if body != NOWHERE else ""
-        bodies = ((one, elements[one].body) for one in candidates)
-        same = (one for one, around in bodies if around != NOWHERE and elements[around].element.id == inside)
-        return next(same, next(iter(candidates), number))
+    def _scope_row(self, robot: int, scope: int) -> list[Any]:
+        """A scope as the page gets it: robot, number, instance, scope around it, the elements in between, its depth."""
+        state = self.state.robots[robot]
+        known, depth = state.scopes[scope], len(state.path(scope))
+        first, files = state.file_of(known.parent) if known.parent else known.file, [known.file] * len(known.inside)
+        openers = [self._number(robot, *place) for place in zip([first, *files], known.inside, strict=False)]
+        return [robot, scope, known.instance, known.parent or NOWHERE, openers, depth]
 
-    def _moved_file(self, robot: int, file: int) -> int:
-        """The file that a robot runs in place of another one: that with the same process."""
-        elements = self.catalogue.elements
-        first = next((number for number, entry in enumerate(elements) if entry.file == file), NOWHERE)
-        return elements[self._moved(robot, first)].file if first != NOWHERE else file
+    def _shown(self, robot: int, token: Mapping[str, Any]) -> dict[str, Any]:
+        """A waiting token as the page has it: at an element (number), with words that need no other part of it."""
+        file = self.state.robot(robot).file_of(token["scope"])
+        return {**token, "e": self._number(robot, file, token["element"]), "text": wait_text(token)}
+
+    # ---- blocks ------------------------------------------------------------------------------------------------------
 
     def _block(self, time: int) -> Block:
         """The block for a new entry. Entries of one instant are in one block."""
         if not self.blocks or (self.blocks[-1].full and time > self.blocks[-1].end):
-            self.state.forget_closed_scopes()
             self._begin_block(time)
         block = self.blocks[-1]
         block.end = max(block.end, time)
@@ -226,24 +226,41 @@ class Packer:
     def _begin_block(self, time: int) -> None:
         if self.store is not None and self.blocks:
             self.blocks[-1].store(self.store)
-        self.blocks.append(Block(len(self.blocks), time, self.state.to_json()))
+        self.blocks.append(Block(len(self.blocks), time, self.key_json()))
+
+    def key_json(self) -> dict[str, Any]:
+        """Return the state, fit for JSON."""
+        key: dict[str, Any] = {"poses": [[*each] for each in self.state.poses.items()], "world": dict(self.state.world)}
+        rows: dict[str, list[Any]] = {
+            name: key.setdefault(name, []) for name in ("tokens", "counts", "scopes", "variables", "waits", "ends")
+        }
+        for robot, state in self.state.robots.items():
+            for (scope, element), held in state.active.items():
+                instance = state.scopes[scope].instance if scope in state.scopes else 0
+                rows["tokens"].append(
+                    [robot, instance, scope, self._number(robot, state.file_of(scope), element), *held]
+                )
+            for file, element, outcomes in state.outcomes():
+                if any(outcomes):
+                    rows["counts"].append([robot, self._number(robot, file, element), *outcomes])
+            rows["scopes"] += [self._scope_row(robot, scope) for scope in state.scopes]
+            for scope, known in state.scopes.items():
+                if known.values:
+                    values = {name: [value, known.since[name]] for name, value in known.values.items()}
+                    rows["variables"].append([robot, scope, values])
+            rows["waits"].append([robot, [self._shown(robot, token) for token in state.tokens.values()]])
+            if state.ended:
+                last = [status for _, status in state.instances.values() if status != "running"][-1]
+                number = sum(state.ended.values())
+                rows["ends"].append([robot, number, state.ended.get("failed", 0), last, state.ended_at])
+        return key
 
     # ---- what happened -----------------------------------------------------------------------------------------------
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
         """Add a message of one of the channels of a recording (docs/recording_format.md)."""
-        if topic == EVENTS:
-            for group in data["events"]:
-                self.events(time, data["robot"], group["instance"], group["scope"], group["marks"])
-        elif topic == VARIABLES:
-            for change in data["changes"]:
-                if change.get("gone"):
-                    self.close_scope(time, data["robot"], change["scope"])
-                else:
-                    values, gone = change.get("set", {}), change.get("unset", ())
-                    self.variables(time, data["robot"], change["scope"], values, gone)
-        elif topic == WAITING:
-            self.waits(time, data["robot"], data["tokens"], data["gone"])
+        if topic in (EVENTS, VARIABLES, WAITING):
+            _ROWS[topic](self, self._block(time), time, self.robot(data["robot"]), data)
         elif topic == KEY:
             self.key(time, data)
         elif topic == WORLD:
@@ -255,31 +272,47 @@ class Packer:
             for name, ground in scene_values(data):
                 self.world(time, name, ground)
 
-    def events(self, time: int, robot: str, instance: int, scope: int, marks: Iterable[Sequence[Any]]) -> None:
-        """Add events of a scope: (element, what) or (element, what, detail)."""
-        block, state = self._block(time), self.state
-        number, columns = self.robot(robot), block.columns
+    def _events(self, block: Block, time: int, robot: int, data: Mapping[str, Any]) -> None:
+        """Add events, and the scopes that open."""
+        state = self.state.robot(robot)
+        state.apply(EVENTS, data, time)
+        for opened in data.get("opens", ()):
+            block.lists["scopes"].append(self._scope_row(robot, opened["scope"]))
+        columns = block.columns
         t, r, i, s, e, w = (columns[name] for name in COLUMNS)
-        info: ScopeInfo | None = None
-        for mark in marks:
-            element, what = mark[0], _WHAT.get(mark[1])
-            if what is None:
-                continue
-            if info is None or what == END:
-                info = self._scope(block, number, instance, scope, element, what)
-            place = self.catalogue.number(info.file, element) if element else NOWHERE
-            if len(mark) > 2 and mark[2] is not None:
-                block.details[len(t)] = mark[2]
-            t.append(time)
-            r.append(number)
-            i.append(instance)
-            s.append(scope)
-            e.append(place)
-            w.append(what)
-            if what == END:
-                state.end(number, str(block.details.get(len(t) - 1, "completed")), time)
-            if START < what <= END:
-                state.event(time, TokenKey(number, instance, scope, place), what)
+        for group in data["events"]:
+            instance, scope = group["instance"], group["scope"]
+            file = state.file_of(scope)
+            for mark in group["marks"]:
+                what = _WHAT.get(mark[1])
+                if what is None:
+                    continue
+                if len(mark) > 2 and mark[2] is not None:
+                    block.details[len(t)] = mark[2]
+                t.append(time)
+                r.append(robot)
+                i.append(instance)
+                s.append(scope)
+                e.append(self._number(robot, file, mark[0]))
+                w.append(what)
+
+    def _variables(self, block: Block, time: int, robot: int, data: Mapping[str, Any]) -> None:
+        """Add changed and removed variables of scopes."""
+        state, rows = self.state.robot(robot), block.lists["variables"]
+        for change in data["changes"]:
+            scope, values, gone = change["scope"], change.get("set", {}), change.get("unset", [])
+            if change.get("gone"):
+                if scope in state.scopes and state.scopes[scope].values:
+                    rows.append([time, robot, scope, None, []])
+            else:
+                rows.append([time, robot, scope, dict(values), [*gone]])
+        state.apply(VARIABLES, data, time)
+
+    def _waits(self, block: Block, time: int, robot: int, data: Mapping[str, Any]) -> None:
+        """Add changes of what tokens wait for."""
+        shown = [self._shown(robot, token) for token in data["tokens"]]
+        block.lists["waits"].append([time, robot, shown, [*data["gone"]]])
+        self.state.robot(robot).apply(WAITING, data, time)
 
     def key(self, time: int, data: Mapping[str, Any]) -> None:
         """Set the state of robots as in ``/fame/key``: the first time of all, then of those that the changes left out.
@@ -291,79 +324,10 @@ class Packer:
             return
         self.begun = True
         for name in changed:
-            self._synchronise(time, self.robot(name), data["robots"][name])
+            self.state.robots[self.robot(name)] = RobotState.from_key(data["robots"][name], time)
         self._begin_block(time)
         self.blocks[-1].lists["properties"] += [[time, each] for each in self._declared]
         self._declared.clear()
-
-    def _synchronise(self, time: int, robot: int, data: Mapping[str, Any]) -> None:
-        state = self.state
-        state.forget(robot)
-        for change in data["variables"]:
-            values = {name: [value, time] for name, value in change.get("set", {}).items()}
-            state.variables[robot, change["scope"]] = values
-        known = {_place(each): each["scope"] for each in data["variables"]}
-        unknown: dict[_Place, int] = {}
-        for token in data["tokens"]:
-            number = self._place_token(robot, token, known, unknown)
-            state.waits.setdefault(robot, {})[token["key"]] = _shown(token, number)
-        over = all(instance["status"] != "running" for instance in data["instances"])
-        statuses = [instance["status"] for instance in data["instances"] if instance["status"] != "running"]
-        if statuses:
-            ended = ended_of(data)
-            state.ends[robot] = sum(ended.values()), ended.get("failed", 0), statuses[-1], -1
-        for id, counts in data["counts"].items():
-            done = tally(counts, over=over)
-            number = self._number_in(robot, id, NOWHERE)
-            state.counts[robot, number] = [done["completed"], done["failed"], done["cancelled"]]
-
-    def _place_token(
-        self, robot: int, token: Mapping[str, Any], known: Mapping[_Place, int], unknown: dict[_Place, int]
-    ) -> int:
-        """Put a waiting token, and one on each activity around it, where they are. Returns the number of its element.
-
-        `known`: scopes that have variables. The tokens of activities are in scopes of `unknown` numbers.
-        """
-        state, (instance, path), since = self.state, _place(token), token["since"]
-        around = outside = opener = NOWHERE
-        for depth, id in enumerate((*path, token["element"])):
-            number, place = self._number_in(robot, id, opener), (instance, path[:depth])
-            by_path = unknown.setdefault(place, NOWHERE - 1 - len(unknown))
-            scope = token["scope"] if depth == len(path) else known.get(place, by_path)
-            if opener != NOWHERE and (robot, scope) not in state.scopes:
-                state.add(TokenKey(robot, instance, outside, opener), since)
-            info = ScopeInfo(instance, self.catalogue.elements[number].file, around, opener, depth)
-            state.scopes.setdefault((robot, scope), info)
-            state.scopes.setdefault((robot, by_path), info)
-            around, outside, opener = scope, by_path, number
-        state.add(TokenKey(robot, instance, around, opener), since)
-        return opener
-
-    def _number_in(self, robot: int, id: str, opener: int) -> int:
-        """The element with an id, the one inside `opener` if there are several."""
-        candidates, inside = self._candidates(robot, id), self.catalogue.called.get(opener, opener)
-        found = next((one for one in candidates if self.catalogue.elements[one].body == inside), None)
-        return found if found is not None else candidates[0] if candidates else self.catalogue.number(0, id)
-
-    def variables(self, time: int, robot: str, scope: int, values: Mapping[str, Any], gone: Iterable[str] = ()) -> None:
-        """Add changed and removed variables of a scope."""
-        number = self.robot(robot)
-        removed = self.state.change_variables(time, number, scope, values, gone)
-        self._block(time).lists["variables"].append([time, number, scope, dict(values), removed])
-
-    def close_scope(self, time: int, robot: str, scope: int) -> None:
-        """Remove the variables of a scope that has ended."""
-        number = self.robot(robot)
-        if (number, scope) in self.state.variables:
-            self.state.change_variables(time, number, scope, None)
-            self._block(time).lists["variables"].append([time, number, scope, None, []])
-
-    def waits(self, time: int, robot: str, tokens: Sequence[Mapping[str, Any]], gone: Sequence[str] = ()) -> None:
-        """Add changes of what the tokens of a robot wait for."""
-        number = self.robot(robot)
-        shown = [_shown(token, self._place(number, token)) for token in tokens]
-        self.state.change_waits(number, shown, gone)
-        self._block(time).lists["waits"].append([time, number, shown, list(gone)])
 
     def message(self, time: int, topic: str, sender: str, content: Any) -> None:
         """Add a published message. Large values are shortened."""
@@ -394,64 +358,10 @@ class Packer:
         if self.blocks:
             self._block(time).lists["world"].append([time, name, value])
 
-    def _place(self, robot: int, token: Mapping[str, Any]) -> int:
-        """The element that a token waits at."""
-        info = self.state.scopes.get((robot, token["scope"]))
-        if info is not None:
-            return self.catalogue.number(info.file, token["element"])
-        return self.element(robot, token["element"])
 
-    # ---- scopes ------------------------------------------------------------------------------------------------------
-
-    def _scope(self, block: Block, robot: int, instance: int, scope: int, element: str, what: int) -> ScopeInfo:
-        """What is known of a scope; of a new one, what its first element tells."""
-        info = self.state.scopes.get((robot, scope))
-        if info is None:
-            info = self._new_scope(robot, instance, element, what)
-            if what != END and scope:
-                self.state.scopes[robot, scope] = info
-                block.lists["scopes"].append(scope_row((robot, scope), info))
-        return info
-
-    def _new_scope(self, robot: int, instance: int, element: str, what: int) -> ScopeInfo:
-        elements, candidates = self.catalogue.elements, self._candidates(robot, element)
-        if not candidates:
-            return ScopeInfo(instance, 0)
-        if what in (START, END):
-            return ScopeInfo(instance, elements[candidates[0]].file)
-        openers = [key for key in reversed(self.state.tokens) if key[:2] == (robot, instance)]
-        for key in openers:
-            inside = self.catalogue.called.get(key.element, key.element)
-            for candidate in candidates:
-                if elements[candidate].body == inside:
-                    around = self.state.scopes.get((robot, key.scope))
-                    depth = around.depth + 1 if around is not None else 1
-                    return ScopeInfo(instance, elements[candidate].file, key.scope, key.element, depth)
-        return self._unopened(robot, instance, candidates)
-
-    def _unopened(self, robot: int, instance: int, candidates: Sequence[int]) -> ScopeInfo:
-        """A scope that no token opened: that of an event sub-process, or one whose opener is not recorded."""
-        elements = self.catalogue.elements
-        roots = [
-            (place, info)
-            for place, info in self.state.scopes.items()
-            if place[0] == robot and info.instance == instance
-        ]
-        for candidate in candidates:
-            file, _, body = elements[candidate]
-            if body != NOWHERE and isinstance(elements[body].element, SubProcess):
-                for place, info in reversed(roots):
-                    if info.file == file:
-                        return ScopeInfo(instance, file, place[1], body, info.depth + 1)
-        file = elements[candidates[0]].file
-        return ScopeInfo(instance, file, roots[0][0][1] if roots else NOWHERE, NOWHERE, 1 if roots else 0)
-
-
-def _place(entry: Mapping[str, Any]) -> _Place:
-    """Where a token or scope of a key message is."""
-    return entry["instance"], tuple(entry["path"])
-
-
-def _shown(token: Mapping[str, Any], element: int) -> dict[str, Any]:
-    """A waiting token as the page has it: at an element (number), with words that need no other part of it."""
-    return {**token, "e": element, "text": wait_text(token)}
+_ROWS: Mapping[str, Callable[[Packer, Block, int, int, Mapping[str, Any]], None]] = {
+    EVENTS: Packer._events,
+    VARIABLES: Packer._variables,
+    WAITING: Packer._waits,
+}
+"""What adds the rows of a message to a block."""

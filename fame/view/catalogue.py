@@ -111,6 +111,10 @@ class Catalogue:
         found = self._number.get((file, id))
         return found if found is not None else self._add(file, Element(id=id), NOWHERE)
 
+    def find(self, file: int, id: str) -> int:
+        """Return the number of an element of a file; NOWHERE if the file does not have it."""
+        return self._number.get((file, id), NOWHERE)
+
     def candidates(self, id: str) -> Sequence[int]:
         """Return the elements with an id, in the order of the files."""
         return self._by_id.get(id, ())

@@ -13,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from fame.bpmn.model import FlowNode, Human
+from fame.bpmn.model import Human
 from fame.clock import SECOND
 from fame.dataclasses import dataclass, field
 from fame.deploy import model_hash
@@ -83,14 +83,14 @@ class _Waiting:
 
     def __init__(self, found: Mapping[int, ElementHeat], catalogue: Catalogue) -> None:
         self._found, self._elements = found, catalogue.elements
-        self._around: dict[tuple[int, int], tuple[int, int]] = {}  # robot, scope -> scope around it, its opener
+        self._around: dict[tuple[int, int], tuple[int, list[int]]] = {}  # robot, scope -> scope around it, its openers
         self._tokens: dict[tuple[int, str], list[tuple[int, int, int]]] = {}  # robot, key -> robot, scope, element
         self._open: dict[tuple[int, int, int], list[int]] = {}  # place -> number of tokens, since when
 
     def read(self, block: Block) -> None:
         lists = block.lists
-        for robot, scope, _, parent, opener, _ in (*block.key["scopes"], *lists["scopes"]):
-            self._around[robot, scope] = parent, opener
+        for robot, scope, _, parent, openers, _ in (*block.key["scopes"], *lists["scopes"]):
+            self._around[robot, scope] = parent, openers
         for time, robot, tokens, gone in lists["waits"]:
             for key in gone:
                 self._close(robot, key, time)
@@ -105,15 +105,15 @@ class _Waiting:
             self._close(robot, key, time)
 
     def _places(self, robot: int, token: Mapping[str, Any]) -> Iterator[tuple[int, int, int]]:
-        scope, element = token["scope"], token["e"]
-        while element != NOWHERE:
-            yield robot, scope, element
-            parent, opener = self._around.get((robot, scope), (NOWHERE, NOWHERE))
-            body = self._elements[element].body
-            if body not in (opener, NOWHERE) and isinstance(self._elements[body].element, FlowNode):
-                element = body  # an event sub-process has its token in its own scope
-            else:
-                scope, element = parent, opener
+        """Where a token is, and the activities that it is inside are active."""
+        scope = token["scope"]
+        yield robot, scope, token["e"]
+        while (robot, scope) in self._around:
+            parent, openers = self._around[robot, scope]
+            for opener in openers[::-1]:  # an event sub-process has its token in its own scope
+                handles = getattr(self._elements[opener].element, "triggered_by_event", False)
+                yield robot, scope if handles else parent, opener
+            scope = parent
 
     def _close(self, robot: int, key: str, time: int) -> None:
         for place in self._tokens.pop((robot, key), ()):

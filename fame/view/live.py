@@ -43,7 +43,7 @@ class LiveRun(PageSink):
         self._missions = 0
         self._time = 0
         self._lost: dict[str, int] = {}  # robots whose engine is gone, and since when (ns)
-        self.observer: Recorder = Recorder(lambda: self)
+        self.observer: Recorder = Recorder(lambda: self, files=[model.file for model in self.catalogue.files])
         self._run: Run | None = None
         self.listen: Callable[[int, str, Mapping[str, Any]], object] | None = None
 
@@ -208,7 +208,7 @@ def _by_robot(steps: Iterable[_Steps]) -> _Instant:
 def _steps(topic: str, data: Mapping[str, Any]) -> list[Any]:
     """The changes of a message of variables, or the events of one without reports of elements, each with its place."""
     if topic == VARIABLES:
-        return list(data["changes"])
+        return [{**each, "gone": False} for each in data["changes"] if "set" in each or "unset" in each]
     return [
         ({key: value for key, value in group.items() if key != "marks"}, mark)
         for group in data["events"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from math import inf
 from operator import attrgetter
@@ -35,7 +35,7 @@ class _Run(NamedTuple):
     time: int
     robot: str
     process: str
-    files: frozenset[int]
+    files: Sequence[int]
 
 
 class Replay(Closing):
@@ -83,7 +83,7 @@ class Replay(Closing):
         self.catalogue = Catalogue(self._models())
         self._offset = self._recording.start if self._recording.start > _LONGEST else 0
         self._runs = self._read_runs()
-        self._packer = Packer(self.catalogue, self._robots())
+        self._packer = Packer(self.catalogue, self._robots(), self._numbers(self._recording.models))
         self._packer.store = self._store
         self._elements = len(self.catalogue.elements)
         self._topics = [topic for topic in self._recording.topics if topic != KEY]
@@ -123,18 +123,22 @@ class Replay(Closing):
 
     def _read_runs(self) -> list[_Run]:
         """What the robots ran, the latest first."""
-        numbers = {definitions.file: number for number, definitions in enumerate(self.catalogue.files)}
         try:
             found = self._recording.runs
         except ConfigError as error:
             self.notices.append(error.text)
             return []
         runs = [
-            _Run(time, robot, process, frozenset(numbers[name] for name in names if name in numbers))
+            _Run(time, robot, process, self._numbers(names))
             for robot, each in found.items()
             for time, process, names in each
         ]
         return sorted(runs, key=attrgetter("time"), reverse=True)
+
+    def _numbers(self, names: Iterable[str]) -> Sequence[int]:
+        """The numbers of models in the catalogue; NOWHERE for those that cannot be read."""
+        numbers = {definitions.file: number for number, definitions in enumerate(self.catalogue.files)}
+        return [numbers.get(name, NOWHERE) for name in names]
 
     def _switch(self, packer: Packer, pending: list[_Run], time: int) -> None:
         """Take from `pending` what robots run at a time (ns)."""
@@ -259,7 +263,8 @@ class Replay(Closing):
             key = recording.last(KEY, moment)
             if key is None:
                 raise LookupError(time)
-            packer, begin, pending = Packer(self.catalogue, self._packer.robots), key.time - first, self._runs.copy()
+            packer = Packer(self.catalogue, self._packer.robots, self._numbers(recording.models))
+            begin, pending = key.time - first, self._runs.copy()
             self._switch(packer, pending, key.time)
             ground = recording.ground(key.time)
             if ground:

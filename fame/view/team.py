@@ -30,7 +30,7 @@ from fame.log.recording import team_order
 from fame.log.team_recorder import RecordingJudge, TeamRecorder, TeamRecorderOptions
 from fame.middleware.interface import AnyMessage, Middleware, Publisher, QoS, resolve
 from fame.text import read_json
-from fame.view.catalogue import Catalogue
+from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.change import ModelChange
 from fame.view.mission import mission_json, place_of
 from fame.view.sink import PageSink
@@ -144,14 +144,14 @@ class TeamView(PageSink, Closing):
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         """Add the model that a robot runs."""
         with self._lock:
-            packer, files = self._packer, set()
+            packer, files = self._packer, list[int]()
             for each in model.get("models", ()):
                 source = str(each["xml"]).encode()
                 with suppress(ModelError):
                     if source not in self._models:
                         packer.catalogue.extend([read(source, file=str(each["name"]))])
                         self._models[source] = len(packer.catalogue.files) - 1
-                    files.add(self._models[source])
+                files.append(self._models.get(source, NOWHERE))
             packer.run(packer.robot(robot), files)
             self._meet()
             self._missions += 1

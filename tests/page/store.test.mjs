@@ -176,9 +176,9 @@ test("the last message on a topic is that until an instant, in any block before"
 
 test("a scope sees its own variables, then those around it; its openers are outermost first", () => {
   const scopes = [
-    [0, 1, 1, -1, -1, 0],
-    [0, 2, 1, 1, 30, 1],
-    [0, 3, 1, 2, 40, 2],
+    [0, 1, 1, -1, [], 0],
+    [0, 2, 1, 1, [30], 1],
+    [0, 3, 1, 2, [40, 50], 3],
   ];
   const variables = [
     [1, 0, 1, { x: "outer", y: 1 }, []],
@@ -196,7 +196,7 @@ test("a scope sees its own variables, then those around it; its openers are oute
   assert.equal(state.valueOf(0, 3, "x"), "inner");
   assert.equal(state.valueOf(0, 2, "x"), "outer");
   assert.equal(state.valueOf(0, 2, "z"), undefined);
-  assert.deepEqual(state.openers(0, 3), [30, 40]);
+  assert.deepEqual(state.openers(0, 3), [30, 40, 50]);
   assert.deepEqual(state.openers(0, 1), []);
 });
 
@@ -210,7 +210,7 @@ test("bars are executions: of one place the oldest ends first, what runs at the 
         [4, 0, 1, 2, 6, "enter"],
         [5, 0, 1, 2, 6, "fail"],
       ],
-      { scopes: [[0, 2, 1, 1, 30, 3]] },
+      { scopes: [[0, 2, 1, 1, [30], 3]] },
     ),
   ).blocks[0];
   const bars = spansOf(data).map(({ e, from, until, how, depth }) => [e, from, until, how, depth]);

@@ -109,13 +109,13 @@ class ElementFollower:
             self._state = RobotState.from_key(batch["key"]) if "key" in batch else None
         else:
             for kind, time, data in batch["changes"]:
-                self._state.apply(f"/fame/{kind}", data)
+                self._state.apply(f"/fame/{kind}", data, time)
                 self._note(begin + 1e-9 * time)
         self._note(begin + 1e-9 * batch["time"])
 
     def _note(self, stamp: float) -> None:
-        tokens = self._state.tokens.values() if self._state is not None else ()
-        name = "+".join(sorted({(*token["path"], token["element"])[0] for token in tokens}))
+        state = self._state if self._state is not None else RobotState()
+        name = "+".join(sorted({(*state.path(token["scope"]), token["element"])[0] for token in state.tokens.values()}))
         last, before = self.changes[-1] if self.changes else (-np.inf, "")
         if stamp < last:  # the robot's clock began anew
             self.changes = ()

@@ -1,11 +1,12 @@
-// What is known of the run: blocks, and the state at any instant. Mirrors fame/view/blocks.py and state.py.
+// What is known of the run: blocks, and the state at any instant. Mirrors
+// fame/robot/robot_state.py, with numbers for ids.
 
 /**
  * @import {BlockData, Changes, Columns, IndexRow, Key, MessageRow, ScopeRow, Wait} from "./types.js"
  * @import {VariablesRow, WaitsRow} from "./types.js"
  *
  * @typedef {{r: number, i: number, s: number, e: number, n: number, since: number}} Token
- * @typedef {{r: number, s: number, i: number, parent: number, opener: number, depth: number}} Scope
+ * @typedef {{r: number, s: number, i: number, parent: number, openers: number[], depth: number}} Scope
  * @typedef {{r: number, i: number, s: number, e: number, from: number, until: number, how: number, depth: number}} Span
  *
  * @typedef {object} Loaded what is loaded of a block
@@ -84,7 +85,7 @@ export function after(values, time, of = Number) {
  * @param {ScopeRow} row
  * @returns {[string, Scope]}
  */
-const scopeFrom = ([r, s, i, parent, opener, depth]) => [`${r}/${s}`, { r, s, i, parent, opener, depth }];
+const scopeFrom = ([r, s, i, parent, openers, depth]) => [`${r}/${s}`, { r, s, i, parent, openers, depth }];
 
 /**
  * Where a token is, as a key.
@@ -93,13 +94,6 @@ const scopeFrom = ([r, s, i, parent, opener, depth]) => [`${r}/${s}`, { r, s, i,
  * @returns {string}
  */
 export const tokenKey = (r, i, s, e) => `${r}/${i}/${s}/${e}`;
-
-/**
- * Whether a token is this one, of whose scope the path alone is known.
- *
- * @param {Token | Span} token @param {number} r @param {number} i @param {number} e
- */
-const isByPath = (token, r, i, e) => token.s < -1 && token.r === r && token.i === i && token.e === e;
 
 const ELEMENTS = 2 ** 20; // more than there are elements
 
@@ -200,15 +194,14 @@ export class State {
       return;
     }
     const key = tokenKey(r, i, s, e);
-    let held = this.tokens.get(key);
+    const held = this.tokens.get(key);
     if (w === ENTER) {
       if (held === undefined) this.tokens.set(key, { r, i, s, e, n: 1, since: time });
       else held.n += 1;
       return;
     }
-    held ??= [...this.tokens.values()].find((one) => isByPath(one, r, i, e));
     if (held !== undefined) {
-      if (held.n === 1) this.tokens.delete(tokenKey(r, i, held.s, e));
+      if (held.n === 1) this.tokens.delete(key);
       else held.n -= 1;
     } else if (w === FAIL) this.count(r, e, 0, -1);
     this.count(r, e, w === LEAVE ? 0 : w === FAIL ? 1 : 2);
@@ -285,7 +278,7 @@ export class State {
   }
 
   /**
-   * The call activities and sub-processes around a scope, outermost first.
+   * The calls, sub-processes and event sub-processes around a scope, outermost first.
    *
    * @param {number} r @param {number} s
    * @returns {number[]} elements
@@ -293,7 +286,7 @@ export class State {
   openers(r, s) {
     const found = [];
     for (let scope = this.scopeOf(r, s), left = 64; scope !== undefined && left > 0; left -= 1) {
-      if (scope.opener >= 0) found.unshift(scope.opener);
+      found.unshift(...scope.openers);
       scope = scope.parent !== -1 ? this.scopeOf(r, scope.parent) : undefined;
     }
     return found;
@@ -700,9 +693,7 @@ class Spans {
    * @param {number} how
    */
   finish(r, i, s, e, t, how) {
-    const span =
-      this.open.get(tokenKey(r, i, s, e))?.shift() ??
-      [...this.open.values()].find(([one]) => one && isByPath(one, r, i, e))?.shift();
+    const span = this.open.get(tokenKey(r, i, s, e))?.shift();
     if (span !== undefined) Object.assign(span, { until: t, how });
   }
 

@@ -132,7 +132,7 @@
 
 /**
  * @typedef {[r: number, i: number, s: number, e: number, n: number, since: number]} TokenRow
- * @typedef {[r: number, s: number, i: number, parent: number, opener: number, depth: number]} ScopeRow
+ * @typedef {[r: number, s: number, i: number, parent: number, openers: number[], depth: number]} ScopeRow
  * @typedef {[time: number, r: number, s: number, values: Object<string, any> | null, gone: string[]]} VariablesRow
  * @typedef {[time: number, r: number, tokens: Wait[], gone: string[]]} WaitsRow
  * @typedef {[time: number, topic: string, sender: string, content: any]} MessageRow
