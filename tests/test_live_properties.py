@@ -31,6 +31,7 @@ from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.sinks import BagWriter
 from fame.properties import Property, parse
 from fame.scenario import Scenario
+from fame.version import PROTOCOL
 from tests.test_live_team import Field
 
 TEAM = {"A": ["timer PT2S", "throw go", "timer PT9S"], "B": ["catch go", "timer PT1S", "throw done", "timer PT9S"]}
@@ -231,7 +232,9 @@ def test_what_a_lost_batch_may_have_contained_is_not_known(judged: Judged, monke
     assert judged.verdicts() == dict.fromkeys(WORDS, "not known")
 
 
-def test_a_bag_of_a_team_is_judged_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_of_a_team_is_judged_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As its live verdicts are, but nobody has measured the clocks: what compares those of two robots is not known."""
     judged = Judged(tmp_path / "run.mcap", SENTENCES, team(TEAM))
     types = {"/go": "std_msgs/msg/Empty", "/done": "std_msgs/msg/Empty"}
@@ -252,6 +255,10 @@ def test_a_bag_of_a_team_is_judged_too(tmp_path: Path, capsys: pytest.CaptureFix
     (found,) = json.loads(capsys.readouterr().out)["runs"].values()
     verdicts = {one["property"]: one["verdict"] for one in found}
     assert verdicts == live | dict.fromkeys(("answer", "late", "close"), "not known")
+    with monkeypatch.context() as newer:
+        newer.setattr("fame.version.PROTOCOL", PROTOCOL + 1)
+        assert main(["log", "judge", str(place), str(tmp_path / "bag")]) == 2
+    assert "events of A are not read: A runs an older FAME" in capsys.readouterr().err
     (tmp_path / "bag" / "metadata.yaml").write_text("nothing")
     assert main(["log", "judge", str(place), str(tmp_path / "bag")]) == 2
 

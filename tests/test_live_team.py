@@ -1,5 +1,6 @@
 """A team in many processes is followed and recorded: what the engines tell gives the same recording as one process."""
 
+import json
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -23,6 +24,7 @@ from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.robot.journal import StateDirectory
 from fame.robot.robot_state import RobotState
+from fame.version import PROTOCOL
 from tests.bpmn_text import process
 
 COUNTING = process("""
@@ -216,6 +218,7 @@ def test_simulated_time_that_begins_again_goes_on_from_the_last_time(field: Fiel
         for number, time in enumerate((2 * SECOND, 9 * SECOND, 10 * SECOND)):
             change = ["events", time, {"robot": "REX", "events": []}]
             batch = {"epoch": date_text(EPOCH), "session": session, "batch": number, "time": time, "changes": [change]}
+            batch["protocol"] = PROTOCOL
             team._take("REX", team._sources.setdefault("REX", _Source()), batch | ({} if number else {"begins": "P"}))
             field.run(1)
         times = [time for topic, time, _ in field.told if topic == EVENTS]
@@ -343,3 +346,29 @@ def test_a_second_engine_of_a_name_does_not_take_the_mission_of_the_first(field:
     team.close()
     assert not reports_of(field)
     assert team.state.robots["REX"].tokens
+
+
+@pytest.mark.parametrize(("said", "mend"), [({}, "update REX"), ({"protocol": PROTOCOL + 1}, "update FAME here")])
+def test_a_robot_of_another_protocol_is_named_and_nothing_of_it_is_taken(
+    field: Field, said: dict[str, int], mend: str
+) -> None:
+    notes: list[str] = []
+    node = field.middleware.node("watcher")
+    team = LiveTeam(node, field.middleware, field.scheduler, lambda *told: field.told.append(told), note=notes.append)
+    robot = field.middleware.node("/REX/fame_engine").publisher("/REX/bpmn_events", "std_msgs/msg/String")
+    field.run(1)
+    for number in (1, 2):
+        batch = {"robot": "REX", "session": 1, "batch": number, "epoch": date_text(EPOCH), "time": 0, "begins": "P"}
+        robot.publish(messages.create("std_msgs/msg/String", json.dumps({**batch, "changes": [], **said})))
+        field.run(1)
+    assert len(notes) == 1
+    assert notes == [*team.foreign.values()]
+    assert notes[0].startswith("events of REX are not read: REX runs ")
+    assert mend in notes[0]
+    assert not field.told
+    field.engine("REX")
+    field.deploy("REX")
+    field.run(2)
+    team.close()
+    assert not team.foreign
+    assert "P" in {process for process, _ in team.state.robots["REX"].instances.values()}

@@ -309,6 +309,22 @@ def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:
     assert field.view.mission()["notices"] == []
 
 
+def test_a_robot_of_an_older_fame_is_lost_and_a_line_says_what_to_update(
+    field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field.engine("REX")
+    field.run(1)
+    known, _ = field.view.news(None)
+    monkeypatch.setattr("fame.robot.live.PROTOCOL", 1)
+    field.deploy("REX")
+    field.run(2)
+    (notice,) = field.view.mission()["notices"]
+    assert notice.startswith("events of REX are not read: REX runs an older FAME (protocol 1)")
+    assert "update REX" in notice
+    assert list(field.view._lost()) == ["REX"]
+    assert {"type": "reload"} in field.view.news(known)[1]
+
+
 def test_a_robot_whose_engine_restarted_without_its_mission_is_lost_and_waits_for_nobody(field: Field) -> None:
     field.engine("REX")
     field.run(1)

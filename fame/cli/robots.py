@@ -142,19 +142,21 @@ def _explain_waits(arguments: Namespace) -> int:
             def known() -> set[str]:
                 return team.state.robots.keys() & team.models.keys()
 
-            wait_until(scheduler, lambda: robot in known(), _PATIENCE)
-            there = engines(middleware)
-            wait_until(scheduler, lambda: known() >= set(there), _PATIENCE / 3)  # who runs nothing says nothing
+            wait_until(scheduler, lambda: robot in known() or robot in team.foreign, _PATIENCE)
+            there = engines(middleware)  # of these, who runs nothing says nothing
+            wait_until(scheduler, lambda: known() | team.foreign.keys() >= set(there), _PATIENCE / 3)
             wait_until(scheduler, lambda: robot in reports or robot not in there, _PATIENCE / 3)
             publishers = {info.name: info.publishers for info in middleware.graph()}
     if robot not in there:
         raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
+    if robot in team.foreign:
+        raise DeploymentError(team.foreign[robot])
     if robot not in team.state.robots:
         raise DeploymentError(f"{robot} runs no process, or publishes nothing on /{robot}/bpmn_events")
     reasons: list[WaitReason] = explain(
         team.state.robots[robot], team.models.get(robot, {}), elements[0] if elements else "", team.last_time(robot)
     )
-    warnings = list(reports[robot].warnings) if robot in reports else []
+    warnings = [*(reports[robot].warnings if robot in reports else ()), *team.foreign.values()]
     chain = WaitChain(
         team.state.robots,
         {name: files_of(model) for name, model in team.models.items()},

@@ -48,6 +48,8 @@ def judge_bag(
                     robots.enter(last, partial(_give, judge, channels[topic], message))
     if not robots.robots:
         raise ConfigError(f"has no events of robots (topics /<robot>/{EVENTS_TOPIC})", file=str(path))
+    if robots.foreign:
+        raise ConfigError("; ".join(robots.foreign.values()), file=str(path))
     robots.close()
     judge.end(complete=not robots.state.runs)
     return judge.judgements

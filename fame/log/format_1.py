@@ -1,8 +1,8 @@
-"""Reads recordings of format 1 (FAME up to 0.3): writes them anew, as they would be recorded today.
+"""Reads recordings of format 1 (FAME 0.2): writes them anew, as they would be recorded today.
 
 They do not say what a scope is. Here it is guessed: a scope is inside the activity whose token entered it last, as far
 as the models tell; of what was going on when the recording began, or when batches were lost, from the path of the
-tokens that waited. To be removed with the release after 0.4.
+tokens that waited. To be removed with the release after 0.3.
 """
 
 from __future__ import annotations

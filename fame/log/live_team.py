@@ -27,6 +27,7 @@ from fame.middleware.interface import LATCHED, MAX_MESSAGE_SIZE, AnyMessage, Mid
 from fame.middleware.typesystem import STRING
 from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC, RobotState
 from fame.text import read_json
+from fame.version import differs
 
 DELAY = SECOND // 2
 """How long batches wait for those of other robots (ns)."""
@@ -68,10 +69,11 @@ class LiveTeam(Closing):
     gaps      how many batches of each robot were lost
     gone      robots that have left the network
     restarted robots whose engine restarted and lost their mission, until they get another one, and since when (ns)
+    foreign   robots whose events are of another protocol and are not read, and what to say of each
 
-    `on_model` gets the name of a robot and what it runs, whenever that changes. What comes late has the time `floor` at
-    least. `now` gives the time of the mission (ns since `epoch`) where a simulation says it. Without `node`, batches
-    are given to `feed`.
+    `on_model` gets the name of a robot and what it runs, whenever that changes; `note` gets lines for people. What
+    comes late has the time `floor` at least. `now` gives the time of the mission (ns since `epoch`) where a simulation
+    says it. Without `node`, batches are given to `feed`.
     """
 
     def __init__(
@@ -82,13 +84,14 @@ class LiveTeam(Closing):
         put: Put,
         *,
         on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
+        note: Callable[[str], object] = lambda text: None,
         robots: frozenset[str] = frozenset(),
         delay: int = DELAY,
         floor: Callable[[], int] = lambda: 0,
         now: Callable[[], int | None] = lambda: None,
     ) -> None:
         self._node, self._middleware, self._scheduler, self._floor = node, middleware, scheduler, floor
-        self._on_model, self._wanted, self._now = on_model, robots, now
+        self._on_model, self._wanted, self._now, self._note = on_model, robots, now, note
         self.delay: int = delay
         self._writer = KeyWriter(put)
         self.epoch: datetime | None = None
@@ -96,6 +99,7 @@ class LiveTeam(Closing):
         self.gaps: dict[str, int] = {}
         self.gone: Set[str] = set()
         self.restarted: dict[str, int] = {}
+        self.foreign: dict[str, str] = {}
         self._sources: dict[str, _Source] = {}
         self._waiting: list[tuple[int, int, Callable[[int], object]]] = []  # time, number, what to do then
         self._numbers = count()
@@ -181,6 +185,8 @@ class LiveTeam(Closing):
     def _take(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> None:
         if not (_is_time(batch["time"]) and type(batch["batch"]) is type(batch["session"]) is int):
             raise ValueError
+        if self._is_foreign(robot, source, batch):
+            return
         date, before = parse_datetime(str(batch["epoch"])), source.session
         if self.epoch is None:
             self.epoch = date
@@ -212,6 +218,18 @@ class LiveTeam(Closing):
             key = shift_times(KEY, {"robots": {robot: batch["key"]}}, ahead)["robots"][robot]
             self.enter(batch["time"] + shift, partial(self._synchronise, robot, key, source.lost))
             source.lost = 0
+
+    def _is_foreign(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> bool:
+        """Whether a batch is of another protocol, which is said once; what the robot did before is over then."""
+        text = differs(robot, int(batch.get("protocol", 1)))
+        if not text:
+            self.foreign.pop(robot, None)
+        elif robot not in self.foreign:
+            self.foreign[robot] = f"events of {robot} are not read: {text}"
+            self._note(self.foreign[robot])
+            source.synchronised = False
+            self.enter(source.until, partial(self._restart, robot))
+        return bool(text)
 
     def enter(self, time: int, action: Callable[[int], object]) -> None:
         """Call `action` in its turn: with this time (ns since `epoch`), or a later one if that has passed.

@@ -112,6 +112,7 @@ class TeamRecorder(Closing):
             scheduler,
             self._put,
             on_model=self._on_model,
+            note=note,
             robots=options.robots,
             delay=options.delay,
             floor=lambda: judging.now if judging is not None else 0,

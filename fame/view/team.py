@@ -136,10 +136,11 @@ class TeamView(PageSink, Closing):
                 self._packer.message(self._packer.end, topic, robot, {"percentage": charge})
 
     def _lost(self) -> dict[str, int]:
-        """The robots that left the network, said nothing for some time, or lost their mission, and since when (ns)."""
+        """The robots that left the network, said nothing for some time, lost their mission, or speak another protocol,
+        and since when (ns)."""
         silent, team = self._scheduler.now - _SILENCE, self._recorder.team
         lost = {robot: end for robot, (heard, end) in self._heard.items() if robot in team.gone or heard < silent}
-        return {**team.restarted, **lost}
+        return {**team.restarted, **dict.fromkeys(team.foreign, 0), **lost}
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         """Add the model that a robot runs."""
@@ -170,6 +171,7 @@ class TeamView(PageSink, Closing):
                 notices=[
                     *(f"{robot} has left the network: what it did last is shown" for robot in sorted(team.gone)),
                     *(f"{robot}: {RESTARTED}" for robot in sorted(team.restarted)),
+                    *team.foreign.values(),
                     *(f"{count} batches of {robot} were lost" for robot, count in team.gaps.items()),
                 ],
                 blocks=packer.index(),
@@ -192,9 +194,8 @@ class TeamView(PageSink, Closing):
             lost = self._lost()
             status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": [], "lost": lost}
             team = self._recorder.team
-            return self.growth(
-                known, status, (self._missions, *team.gaps.items(), *sorted(team.gone), *team.restarted.items())
-            )
+            troubles = *team.gaps.items(), *sorted(team.gone), *team.restarted.items(), *team.foreign
+            return self.growth(known, status, (self._missions, *troubles))
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if not self._control:
