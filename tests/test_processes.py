@@ -271,6 +271,28 @@ def test_a_mission_that_fails_after_its_start_is_told_by_the_command_that_deploy
     assert (code, said["status"], said["failures"]) == (0, "completed", {}), said
 
 
+def test_recordings_of_engines_are_collected_and_what_is_missing_is_told(tmp_path, field):
+    log = tmp_path / "log"
+    field.engine("A", "--log", str(log))
+    field.engine("B")
+    field.until(lambda: field.last("A") and field.last("B"), "both")
+    field.publish("A", waiting("here"))
+    field.until(lambda: field.at("A") == ["here"] and any(log.glob("*.mcap")), "a recording")
+    field.process("A").send_signal(signal.SIGINT)
+    assert field.process("A").wait(LIMIT) == 130
+    field.said["A"].clear()
+    field.engine("A", "--log", str(log))
+    field.until(lambda: field.last("A"), "its engine again")
+    words = ("log", "collect", "-o", str(tmp_path / "got"), "--robot", "A")
+    code, said = field.fame(*words)
+    assert (code, len(said["robots"]["A"]["files"])) == (0, 1), said
+    (fetched,) = (tmp_path / "got" / "A").iterdir()
+    assert fetched.read_bytes() == (log / fetched.name).read_bytes()
+    code, said = field.fame(*words, "--robot", "B")
+    assert (code, said["robots"]["A"]["fetched"]) == (1, 0)
+    assert said["robots"]["B"]["missing"] == ["its engine keeps no recordings (--log), or has an older FAME"]
+
+
 def test_a_mission_that_does_not_end_in_time_gives_way_to_what_ran_before(tmp_path, team):
     for name in ("before", "after"):
         (tmp_path / f"{name}.bpmn").write_text(waiting(name))

@@ -226,6 +226,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         log = opened.enter_context(_log(arguments.log, arguments.name, scheduler)) if keeps else None
         options = EngineOptions(
             log=log,
+            recordings=arguments.log,
             observer=_element_feed(middleware, arguments.name) if arguments.fame_dt else None,
             time=time,
             library=library,

@@ -1,4 +1,4 @@
-"""Commands for recordings: ``fame log record``, ``merge``, ``convert`` and ``judge``."""
+"""Commands for recordings: ``fame log record``, ``collect``, ``merge``, ``convert`` and ``judge``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fame.cli import collection
 from fame.cli.arguments import Commands, Parser, add_json, add_properties, add_types, command, group
 from fame.cli.network import add_network, note_ready
 from fame.cli.output import note, progress_line, table
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 def add(commands: Commands) -> None:
     parser = group(
-        commands, "log", help="record a team on the network; merge, convert and judge recordings",
+        commands, "log", help="record a team on the network; collect, merge, convert and judge recordings",
         examples=("fame log record -o run.mcap", "fame log convert run.mcap -o run.xes"),
     )  # fmt: skip
     parts = parser.add_subparsers(dest="part", required=True, metavar="SUBCOMMAND")
@@ -82,6 +83,7 @@ def add(commands: Commands) -> None:
     merging.add_argument("recordings", type=Path, nargs="+", metavar="FILE.mcap")
     _add_output(merging, "FILE.mcap", "the merged recording, in place of an old one")
 
+    collection.add(parts)
     judging = command(
         parts, "judge", lambda arguments: int(load(JUDGE_COMMAND)(arguments)),
         examples=("fame log judge mission.properties.yaml run.mcap", "fame log judge examples/agriculture.yaml out"),

@@ -29,6 +29,7 @@ from fame.deploy.envelope import (
 from fame.deploy.history import History
 from fame.deploy.lifecycle import Lifecycle
 from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
+from fame.deploy.log_server import LogServer
 from fame.deploy.machine import ProtocolMachine, unexpected
 from fame.deploy.migration import Foreseen, foresee, migrate_robot
 from fame.deploy.options import EngineOptions
@@ -198,6 +199,8 @@ class EngineNode:
             refuse=self._refuse_task,
             now=lambda: self.scheduler.now / SECOND,
         )
+        if self._options.recordings is not None:
+            LogServer(self.node, self.robot, self._options.recordings, self._verifier.verify_request)
         self._resume()
         self.status.begin()
 

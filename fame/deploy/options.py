@@ -10,6 +10,8 @@ from fame.dataclasses import dataclass, field
 from fame.robot.options import RobotOptions
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from fame.bpmn.library import Library
     from fame.bpmn.pools import Pool
     from fame.clock import Scheduler
@@ -38,6 +40,7 @@ class EngineOptions(RobotOptions):
     state      keeps the mission on disk: what was running when the engine before ended goes on
     seed       of the random numbers, by default and after a resumption a new one, which recordings contain
     log        takes what live views get, with and without subscribers
+    recordings folder of the files of `log`, which others may fetch (`fame.deploy.log_server`)
     diagnostics     publish reports on ``/diagnostics``, too
     on_status  get its reports, too
     lifecycle  be a managed node of ROS: missions run while it is active (`fame.deploy.lifecycle`)
@@ -53,6 +56,7 @@ class EngineOptions(RobotOptions):
     state: StateDirectory | None = None
     seed: int | None = None
     log: FeedLog | None = None
+    recordings: Path | None = None
     diagnostics: bool = False
     on_status: Sequence[Callable[[Report], object]] = ()
     lifecycle: bool = False

@@ -8,6 +8,7 @@ from typing import Any
 from fame.deploy import fields
 from fame.deploy.authentication import proves_presence
 from fame.deploy.envelope import Envelope, Report
+from fame.deploy.log_server import LogRequest
 from fame.deploy.requests import TaskRequest
 from fame.deploy.signing import signer, verify, verify_signature
 from fame.errors import DeploymentError
@@ -55,11 +56,15 @@ class RequestVerifier:
 
         Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
         """
+        self.verify_request(request)
+        return self._signer(request)
+
+    def verify_request(self, request: TaskRequest | LogRequest) -> None:
+        """Raise DeploymentError if keys are used and a request was not signed for this robot."""
         if self._task_signers:
             verify(fields.values(request), self._task_signers, self._wall_time(), self.born)
             if request.robot != self.robot:
                 raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}", cause="robot")
-        return self._signer(request)
 
     def proves_presence(self, report: Report) -> bool:
         """Return whether a report proves that an engine of the robot runs now; without keys, every one does."""
