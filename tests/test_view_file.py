@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from airport import airport
 from bpmn_text import process
 from recorded_runs import record
-from view_page import opened, opened_file, until
+from view_page import PHONE, flaws, opened, opened_file, until
 
 from fame.cli import main
 from fame.scenario import Scenario
@@ -235,11 +236,104 @@ def test_a_file_shows_what_the_server_shows_without_a_network(chromium: Browser,
         assert page.locator(".drawing .shape, .drawing [data-id]").count() > 20
 
 
+MISSIONS = {
+    "agriculture": (lambda _: Scenario.load(EXAMPLES / "agriculture.yaml", duration=30), "weed_found"),
+    "warehouse": (lambda _: Scenario.load(EXAMPLES / "warehouse.yaml", duration=60), "no_valid_path"),
+    "airport": (airport, "unload"),
+}
+"""Missions, and a text that is in their runs."""
+
+
+@pytest.fixture(scope="module", params=MISSIONS)
+def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The page of a mission as a file, and a text that is in it."""
+    scenario, text = MISSIONS[request.param]
+    folder = tmp_path_factory.mktemp(request.param)
+    return written(record(scenario(folder), folder / "run.mcap")), text
+
+
+def test_a_file_is_played_rewound_and_searched_without_a_network(chromium: Browser, mission: tuple[Path, str]) -> None:
+    path, text = mission
+    with opened_file(chromium, path) as page:
+        page.keyboard.press("/")
+        page.keyboard.type(text)
+        page.keyboard.press("Enter")
+        status = "document.querySelector('#inspector [role=status]').textContent"
+        until(page, f"/^[1-9][0-9]* found/.test({status}) && fame.player.time > 0")
+        first = page.evaluate("fame.player.time")
+        assert first in page.evaluate("fame.inspector.search.times()")
+        until(page, f"fame.shows({first})")
+        page.locator(".query").fill("nowhere")
+        until(page, f"{status} === 'Nothing in this run has “nowhere”.'")
+        page.locator("#title").click()
+        page.keyboard.press("Home")
+        page.evaluate("fame.player.speed = 100")
+        page.keyboard.press(" ")
+        until(page, "!fame.player.playing && fame.player.time === fame.store.end")
+        page.keyboard.press("Home")
+        until(page, "fame.shows(0)")
+
+
+@pytest.mark.parametrize("tab", ["team", "needs", "map", "diagram", "log", "search"])
+def test_a_file_has_no_barriers_on_a_desk_and_on_a_phone(
+    chromium: Browser, mission: tuple[Path, str], tab: str
+) -> None:
+    path, text = mission
+    with opened_file(chromium, path, tab="log" if tab == "search" else tab, **PHONE) as page:
+        page.evaluate("fame.player.seek(fame.store.end / 2)")
+        if tab == "search":
+            page.evaluate(f"fame.inspector.openSearch(), fame.inspector.search.find('{text}')")
+            until(page, "document.querySelector('.matches')")
+        assert flaws(page, f"{path.parent.name}_{tab}", (1440, "light"), (390, "dark")) == []
+
+
+def test_a_text_is_searched_in_what_a_server_sends_and_of_one_robot(chromium: Browser, agriculture: Path) -> None:
+    with Replay(agriculture) as replay, opened(chromium, replay) as page:
+        page.get_by_role("tab", name="Search").click()
+        page.locator(".query").fill("ODOM")
+        found = "[...document.querySelectorAll('.matches b')].map((one) => one.textContent)"
+        until(page, f"{found}.length > 1")
+        everywhere = page.evaluate(found)
+        page.get_by_label("Robot", exact=True).select_option("Drone")
+        until(page, f"{found}.length < {len(everywhere)}")
+        page.locator(".matches .link").first.click()
+        assert page.evaluate("fame.selected.element") >= 0
+        page.locator(".searching [title='Next match']").click()
+        until(page, "fame.player.time > 0")
+        page.locator(".searching [title='Previous match']").click()
+        until(page, "document.querySelector('.query').value === 'ODOM'")
+
+
+def test_what_comes_while_a_run_is_followed_is_searched_too(chromium: Browser, small: Path) -> None:
+    with Replay(small) as replay, opened(chromium, replay) as page:
+        page.evaluate("fame.inspector.choose('search'), fame.inspector.search.find('hurray')")
+        until(page, "fame.inspector.search.part === 1 && document.querySelector('.query')")
+        assert page.evaluate("fame.inspector.search.all.length") == 0
+        page.evaluate(
+            """() => {
+              const { data } = fame.store.blocks[0];
+              data.columns.t.push(9e8); data.columns.r.push(0); data.columns.i.push(1); data.columns.s.push(1);
+              data.columns.e.push(-1); data.columns.w.push(7); data.details.set(data.columns.t.length - 1, "Hurray!");
+              fame.store.blocks[0].events += 1;
+            }"""
+        )
+        page.evaluate("fame.inspector.search.last = -Infinity, fame.inspector.choose('search')")
+        until(page, "document.querySelector('.matches b')?.textContent === 'Hurray!'")
+
+
+def test_without_a_world_there_is_no_map(chromium: Browser, small: Path) -> None:
+    with opened_file(chromium, written(small), tab="map", **PHONE) as page:
+        until(page, "fame.tabs.name === 'diagram'")
+        assert page.get_by_role("tab", name="Map").count() == 0
+        assert page.get_by_role("tab", name="Diagram").count() == 1
+
+
 def test_markup_in_a_recording_stays_text_in_its_file(chromium: Browser, small: Path) -> None:
     with opened_file(chromium, written(small)) as page:
         page.evaluate("fame.player.seek(fame.store.end)")
         page.evaluate("fame.select({robot: 0, element: fame.mission.elements.findIndex((one) => one.id === 'T')})")
-        for tab in ("topics", "log", "state"):
+        page.evaluate("fame.inspector.search.find('window')")
+        for tab in ("topics", "log", "search", "state"):
             page.evaluate(f"fame.inspector.choose('{tab}')")
             until(
                 page, f"document.querySelector('#inspector').textContent.includes('window.hit') || '{tab}' === 'topics'"

@@ -20,6 +20,14 @@ import { overlap } from "./names.js";
 import { link } from "./signals.js";
 import { CANCEL, FAIL, REPORT, spansOf, tokenKey } from "./store.js";
 
+/**
+ * What is written on the bar of an element: the ids of gateways say nothing.
+ *
+ * @param {Partial<import("./types.js").Element>} element
+ */
+const titleOf = ({ name, id, tag, topics }) =>
+  name || topics?.[0]?.[0] || (/Gateway$/.test(tag ?? "") ? "" : (id ?? ""));
+
 export class Bars {
   /** @param {Timeline} timeline */
   constructor(timeline) {
@@ -112,7 +120,7 @@ export class Bars {
     if (wide > 26) {
       const begin = Math.max(left, 0);
       const room = Math.min(right, width) - begin - 8;
-      this.text(context, element.name || element.id, begin + 5, y + ROW / 2, room, this.look.ink);
+      this.text(context, titleOf(element), begin + 5, y + ROW / 2, room, this.look.ink);
     }
     if (wide > 2) this.hits.push({ box: [left, y, wide, ROW], span });
     if (span.how === -1 && last && wide > 6) {

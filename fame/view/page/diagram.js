@@ -156,9 +156,9 @@ export class Diagram {
     this.paper.append(this.sheet);
     this.legend = h("div", { cls: "legend" });
     this.empty = h("div", { cls: "empty", hidden: true });
-    root.append(h("div", { cls: "bar" }, this.crumbs, this.tools), this.paper, this.empty, this.legend);
     this.overview = new Overview(this);
-    root.append(this.overview.canvas);
+    const foot = h("div", { cls: "foot" }, this.legend, this.overview.canvas);
+    root.append(h("div", { cls: "bar" }, this.crumbs, this.tools), this.paper, this.empty, foot);
     this.view = new Viewport(this.paper, (x, y, scale) => this.placed(x, y, scale), { below: 18, beside: 14 });
     this.paper.addEventListener("click", (event) => this.view.moved || this.clicked(event));
     this.paper.addEventListener("dblclick", (event) => this.opened(event));
@@ -598,14 +598,13 @@ export class Diagram {
     const most = Math.max(3, Math.floor(5 / this.grow));
     const shown = robots.slice(0, most);
     return shown.map(([r, n], place) => {
-      const cx = small
-        ? x + width / 2 + (place - (shown.length - 1) / 2) * 15 * this.grow
-        : x + 3 + place * 17 * this.grow;
+      // above an event, left of its badge: its name is below
+      const cx = small ? x + 4 - (shown.length - 1 - place) * 15 * this.grow : x + 3 + place * 17 * this.grow;
       return this.disc(
         r,
         n,
         cx,
-        small ? y + height + 3 : y + height - 2,
+        small ? y + 1 : y + height - 2,
         place === most - 1 && robots.length > most ? `+${robots.length - most + 1}` : "",
       );
     });

@@ -83,6 +83,8 @@ const ICONS = {
   moon: "M20 14.5A8 8 0 1 1 9.5 4a6.5 6.5 0 0 0 10.5 10.5z",
   help: "M9.2 9a3 3 0 1 1 4.3 2.7c-.9.5-1.5 1.1-1.5 2.3M12 17.5v.01M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18z",
   plot: "M4 19h16M5 15l4-5 4 3 6-8",
+  back: "M15 5l-7 7 7 7",
+  forth: "M9 5l7 7-7 7",
   close: "M6 6l12 12M18 6L6 18",
   up: "M12 19V6M6 11l6-6 6 6",
   step: "M5 12h11M12 7l5 5-5 5M20 5v14",
@@ -246,6 +248,26 @@ export function keep(where, name, value) {
  * @param {unknown} error
  */
 export const messageOf = (error) => (error instanceof Error ? error.message : String(error));
+
+/**
+ * A value on one line, short.
+ *
+ * @param {any} value
+ * @returns {string}
+ */
+export function brief(value, most = 120) {
+  if (value !== null && typeof value === "object" && "$cut" in value) {
+    const inside = value.first === undefined ? "" : ` ${brief(value.first, most - 20)}`;
+    return `${value.$cut}${inside}`;
+  }
+  const text =
+    typeof value === "string"
+      ? JSON.stringify(value)
+      : typeof value === "number"
+        ? String(Number(value.toPrecision(9)))
+        : JSON.stringify(value, (_, one) => (typeof one === "number" ? Number(one.toPrecision(6)) : one));
+  return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : (text ?? "–");
+}
 
 /**
  * Nanoseconds as m:ss.mmm, or h:mm:ss.mmm.

@@ -3,41 +3,22 @@
 
 /** @import {App} from "./main.js" */
 /** @import {Element, MessageRow} from "./types.js" */
-import { h, icon, clock, isDark, renew, swatch } from "./dom.js";
+import { brief, h, icon, clock, isDark, renew, swatch } from "./dom.js";
+import { Search } from "./search.js";
 import { Waits } from "./waits.js";
 import { startOf } from "./roster.js";
-import { FAIL, LOG, REPORT, END, after, counted } from "./store.js";
+import { FAIL, REPORT, END, LOGGED, after, counted } from "./store.js";
 
 const TABS = [
   ["state", "State"],
   ["topics", "Messages"],
   ["log", "Log"],
+  ["search", "Search"],
 ];
-const LOGGED = new Map([
-  [LOG, ""],
-  [REPORT, "report"],
-  [FAIL, "failed"],
-  [END, "ended"],
-]);
 const RECENT = 2e9; // ns for which what is new is marked
 const LINES = 200;
 const PAUSE = 90; // ms until it is shown again: a few times a second is as much as anybody reads
 const SLICE = 4; // ms of a frame for what is out of sight
-
-/** A value on one line, short. */
-export function brief(value, most = 120) {
-  if (value !== null && typeof value === "object" && "$cut" in value) {
-    const inside = value.first === undefined ? "" : ` ${brief(value.first, most - 20)}`;
-    return `${value.$cut}${inside}`;
-  }
-  const text =
-    typeof value === "string"
-      ? JSON.stringify(value)
-      : typeof value === "number"
-        ? String(Number(value.toPrecision(9)))
-        : JSON.stringify(value, (_, one) => (typeof one === "number" ? Number(one.toPrecision(6)) : one));
-  return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : (text ?? "–");
-}
 
 /** The numbers inside a value: paths that can be plotted. */
 function numbers(value, path = [], found = [], depth = 3) {
@@ -56,6 +37,7 @@ export class Inspector {
     this.root = root;
     this.tab = "state";
     this.waits = new Waits(this);
+    this.search = new Search(app);
     this.robots = h("div", { cls: "robots", role: "group", "aria-label": "Robots" });
     this.tabs = h(
       "div",
@@ -114,6 +96,14 @@ export class Inspector {
     this.app.redraw();
   }
 
+  /** Show the search, and write there. */
+  openSearch() {
+    if (!this.app.tabs.shows("log")) this.app.tabs.choose("log");
+    this.choose("search");
+    renew(this.body, this.search.view());
+    this.search.input.focus();
+  }
+
   picker() {
     const { robots, order } = this.app.mission;
     const { robot } = this.app.selected;
@@ -168,6 +158,7 @@ export class Inspector {
       mission.version,
       isDark(),
       tabs.key,
+      this.tab === "search" ? this.search.version : "",
     ].join();
   }
 
@@ -175,6 +166,7 @@ export class Inspector {
     const { mission, store } = this.app;
     if (mission.kind === "model")
       return mission.heat ? this.app.heat.view() : [mission.change ? this.app.change.view() : null, this.found()];
+    if (this.tab === "search") return this.search.view();
     if (state === null)
       return h(
         "p",

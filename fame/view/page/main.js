@@ -38,6 +38,7 @@ const KEYS = [
   ["M", "the whole page for one part, and back"],
   ["← → Enter", "on a splitter: move it, collapse what is after it"],
   ["1 … 9 A", "choose a robot, all robots"],
+  ["/", "search the run"],
   ["L", "follow a run that is in progress"],
   ["Esc", "leave a part with the whole page, clear the selection, then leave a called process"],
   ["?", "this help"],
@@ -440,6 +441,7 @@ export class App {
     this.team.update(this.state, time);
     this.steer.update(this.state);
     if (this.state !== null) {
+      this.world.attend(this.state);
       if (this.tabs.shows("map")) this.drawWorld(time);
       if (this.tabs.shows("diagram")) this.diagram.update(this.state, this.player.playing);
     } else if (this.mission.kind === "model") this.diagram.update(null, false);
@@ -587,6 +589,7 @@ export class App {
       l: () => this.isLive() && player.follow(),
       a: () => this.select({ robot: -1 }),
       "?": () => this.help(),
+      "/": () => this.mission.kind !== "model" && this.inspector.openSearch(),
       m: () => this.panes.maximise(),
       Escape: () => this.panes.restore() || this.escape(),
     };

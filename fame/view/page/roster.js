@@ -128,14 +128,17 @@ function activity(app, state, row) {
   const spoken = SPOKEN.test(elements[first.e].tag);
   return {
     element: first.e,
-    doing: `${spoken ? "" : "Waits: "}${nameOf(app, first.e)}`,
+    doing: `${spoken ? "" : "Waits: "}${elements[first.e].name || first.gate || nameOf(app, first.e)}`,
     more: more.filter(({ rank }) => rank > 1).length,
     since: first.since,
     progress: progress(app, state, row, first),
   };
 }
 
-/** The elements that hold a robot's tokens: {e, rank: how much it says of what the robot does, since, scopes}. */
+/**
+ * The elements that hold a robot's tokens: {e, rank: how much it says of what the robot does, since, scopes, gate: what
+ * it waits for at a gateway}.
+ */
 function candidates(app, state, row) {
   const { elements } = app.mission;
   const held = new Set(row.waits.filter((wait) => wait.suspended).map((wait) => `${wait.scope}/${wait.e}`));
@@ -145,19 +148,27 @@ function candidates(app, state, row) {
     const e = drawn(app, state.openers(token.r, token.s), token.e);
     const element = elements[e];
     const within = around.has(token.e) && element?.calls === undefined;
-    if (element === undefined || /Gateway|process$/.test(element.tag) || within) continue;
-    const need = row.open.some((wait) => wait.e === token.e && wait.scope === token.s);
+    if (element === undefined || /process$/.test(element.tag) || within) continue;
+    const gate = /Gateway$/.test(element.tag) ? waitAt(row, token)?.text : "";
+    if (gate === undefined) continue; // it goes on at once
+    const need = row.open.includes(waitAt(row, token));
     const still = held.has(`${token.s}/${token.e}`);
-    const rank = need ? 4 : still ? 0 : SPOKEN.test(element.tag) ? 3 : 1;
+    const rank = need ? 4 : still ? 0 : SPOKEN.test(element.tag) ? 3 : gate ? 0.5 : 1;
     const known = found.get(e);
     found.set(e, {
       e,
+      gate,
       rank: Math.max(rank, known?.rank ?? 0),
       since: Math.min(token.since, known?.since ?? Infinity),
       scopes: [...(known?.scopes ?? []), token.s],
     });
   }
   return [...found.values()];
+}
+
+/** What a token of a robot waits for, undefined if it does not. */
+function waitAt(row, token) {
+  return row.waits.find((wait) => wait.e === token.e && wait.scope === token.s);
 }
 
 /** How far an activity has come: from the feedback of its action, or the way to its goal. */

@@ -53,6 +53,13 @@ export const END = 6;
 export const LOG = 7;
 export const REPORT = 8;
 export const ANSWER = 9;
+/** Kinds of events that are lines of the log, with the word before it. */
+export const LOGGED = new Map([
+  [LOG, ""],
+  [REPORT, "report"],
+  [FAIL, "failed"],
+  [END, "ended"],
+]);
 /** @type {(keyof Columns)[]} */
 const COLUMNS = ["t", "r", "i", "s", "e", "w"];
 /** @type {(keyof Changes)[]} */

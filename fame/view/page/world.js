@@ -228,11 +228,16 @@ export class World {
     return button;
   }
 
-  /** The ground may be known from the beginning, or come later. */
+  /** Take no room without a world. The ground may be known from the beginning, or come later. */
+  attend(state) {
+    const absent = !state.world.has("ground") && !state.poses.size;
+    if (absent && this.app.tabs.name === "map") this.app.tabs.choose("diagram", false);
+    this.root.classList.toggle("absent", absent);
+  }
+
   update(state, time) {
     this.shown = time;
     const ground = state?.world.get("ground");
-    this.root.classList.toggle("absent", !ground && !(state && state.poses.size));
     if (!ground) return;
     this.measure(ground);
     const { width, height } = this.size;
