@@ -8,7 +8,8 @@
 # make torture    100,000 simulated teams under faults, each decided by its seed; TORTURE has other options (--seed N)
 # make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held
-# make docs    the pages as a site, from fame/site/docs/index.html on
+# make docs    the pages as a site: from fame/site/docs/index.html on for `fame docs`; in out/site, to publish, with a
+#              page of the run of each example and each pattern of the cookbook
 # make lint    style, format and types; of the page, too, once `make lint-page` has been called
 # make lint-page   style, format and types of the page's JavaScript; needs npm
 # make test-fastdds   the tests beside rclpy on Fast DDS, the default of ROS 2, which PyPI has for Python 3.12
@@ -69,6 +70,7 @@ test-long: $(VENV)/dev.installed
 
 docs: $(VENV)/docs.installed
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d out/doctrees . fame/site
+	$(BIN)/python docs/run_pages.py
 
 torture: $(VENV)/dev.installed
 	$(BIN)/python -m tests.torture --jobs 2 $(or $(TORTURE),--seeds 1:100000)

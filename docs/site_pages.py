@@ -2,6 +2,7 @@
 
 - The lists of links in the index and the cookbook are the navigation.
 - A comment asks for a reference, which `reference` generates from the code.
+- A comment says where `run_pages` shows the run of an example.
 - A link to another file of the repository, or to a folder, leads to a page that shows it; a model is drawn.
 - A Mermaid flowchart of nodes in subgraphs is a column of boxes, which no script has to draw.
 """
@@ -16,6 +17,7 @@ from pathlib import Path
 
 from docutils import nodes
 from reference import generate
+from run_pages import marked
 from sphinx.application import Sphinx
 
 from fame.bpmn.draw.diagram import draw
@@ -28,7 +30,7 @@ PAGE = """<!doctype html>
 <style>:root {{ color-scheme: light dark }} body {{ margin: 1rem; font-family: sans-serif }} pre {{ overflow-x: auto }}
 :target {{ background: #fc08; scroll-margin-top: 4rem }}
 svg {{ max-width: 100%; height: auto; background: white }}</style>
-<p><a href="{home}">FAME</a> / {name}</p>
+<p><a href="{home}">FAME</a> / {name}{run}</p>
 {body}
 </html>
 """
@@ -49,6 +51,11 @@ def add_reference(app: Sphinx, docname: str, source: list[str]) -> None:
     if whole != source[0]:
         source[0] = whole
         app.env.note_reread()  # the code may change without the page
+
+
+def mark_runs(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put marks where `run_pages` shows the runs of examples."""
+    source[0] = marked(docname, source[0])
 
 
 def toctree(text: str, *options: str) -> str:
@@ -92,7 +99,10 @@ def write_files(app: Sphinx, failure: Exception | None) -> None:
             body = content(path)
         page.parent.mkdir(parents=True, exist_ok=True)
         home = os.path.relpath(ROOT / "docs" / "index.html", address(path).parent)
-        page.write_text(PAGE.format(name=escape(str(path.relative_to(ROOT))), home=home, body=body), encoding="utf-8")
+        run = f" <!-- run {path.stem} -->" if path.parent == ROOT / "examples" and path.suffix == ".yaml" else ""
+        page.write_text(
+            PAGE.format(name=escape(str(path.relative_to(ROOT))), home=home, run=run, body=body), encoding="utf-8"
+        )
 
 
 def content(path: Path) -> str:
@@ -122,10 +132,12 @@ def labels(subgraph: str) -> str:
     return "".join(f"<span>{escape(label)}</span>" for label in re.findall(r'\["(.*?)"\]', subgraph))
 
 
-def setup(app: Sphinx) -> None:
+def setup(app: Sphinx) -> dict[str, int]:
     """Connect the functions to the events of a build."""
     app.connect("source-read", add_navigation)
     app.connect("source-read", add_reference)
+    app.connect("source-read", mark_runs)
     app.connect("source-read", show_linked_files)
     app.connect("doctree-read", draw_flowcharts)
     app.connect("build-finished", write_files)
+    return {"env_version": 1}  # of what pages are kept as between builds
