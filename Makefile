@@ -6,6 +6,8 @@
 # make test-node        the page's modules by node's test runner; the tutorial in Camunda Modeler, and what its parts read;
 #                       needs npm and chromium
 # make torture    100,000 simulated teams under faults, each decided by its seed; TORTURE has other options (--seed N)
+# make mutants    150 lines of engine, robot, deploy and middleware, each broken in a copy of the tree: which do tests
+#                 and seeds notice? Hours; MUTANTS has others (--seed N ROOM:COUNT...)
 # make fuzz       an hour of damaged input for every reader; FUZZ has other options (--minutes N, --target NAME)
 # make attack  attacks on live engines: each has to be held
 # make docs    the pages as a site: from fame/site/docs/index.html on for `fame docs`; in out/site, to publish, with a
@@ -54,7 +56,7 @@ ANYWHERE := not processes and not browser and not node
 # The files with a word, one that marks the tests of a stage: to collect all files takes longer than some stages.
 tests_with = $(shell grep -lrw --include='test_*.py' $(1) tests)
 
-.PHONY: demo docs test test-long torture fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint lint-page clean
+.PHONY: demo docs test test-long torture mutants fuzz test-processes test-browser test-node test-fastdds test-python test-ros attack lint lint-page clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/agriculture.yaml --log $(DEMO).mcap --animate $(DEMO).gif
@@ -74,6 +76,11 @@ docs: $(VENV)/docs.installed
 
 torture: $(VENV)/dev.installed
 	$(BIN)/python -m tests.torture --jobs 2 $(or $(TORTURE),--seeds 1:100000)
+
+mutants: $(VENV)/dev.installed $(VENV)/mutants.installed
+	$(BIN)/python -m tests.mutants cover -- -m "not long and $(ANYWHERE)"
+	$(BIN)/python -m tests.mutants draw --covered $(or $(MUTANTS),--seed 58 engine:50 robot:50 deploy:30 middleware:20) > out/mutants.txt
+	$(BIN)/python -m tests.mutants run --seeds 60 out/mutants.txt
 
 fuzz: $(VENV)/dev.installed
 	$(BIN)/python -m tests.fuzz $(or $(FUZZ),--minutes 60)

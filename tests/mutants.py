@@ -1,12 +1,17 @@
 """Faults by machine: which of the tests notice that a line is wrong?
 
 A mutant is the source with one place changed: a comparison turned round, a condition negated, `and` for `or`, a number
-one more, a call or an assignment left out, nothing returned; in a model a flow, a signal, a property or a number.
-Each is tried in a copy of the tree: the tests named are run until one fails.
+one more, a call, an assignment, a `raise`, an argument or an entry left out, two statements in the other order, nothing
+returned; in a model a flow, a signal, a property or a number. Each is tried in a copy of the tree: the tests that are
+likely to notice are run until one fails, then the others, then seeds of `tests.torture`. The diffs of those that
+survived come last.
 
-    python -m tests.mutants draw --seed 53 --missions 27 engine:5 robot:5    print a list, a mutant a line
-    python -m tests.mutants run LIST -- tests -m 'not long'                 killed or survived, by which test
+    python -m tests.mutants cover -- tests -m 'not long'                    note which test runs which line
+    python -m tests.mutants draw --seed 58 --covered engine:50 robot:50     print a list, a mutant a line
+    python -m tests.mutants run --tests 120 --seeds 60 LIST -- tests -m 'not long'     killed by which test, or survived
 
+Without `cover` a file is drawn from once at most, and tests are the likely ones by their texts, then those named. After
+it only tests that run the line are tried, for `--tests` seconds; a test that does not end within a minute kills, too.
 A list is text, `FILE:LINE:COLUMN KIND | before | after`, and can be repeated after the code has moved: of the mutants
 that could be drawn with the same texts, the nearest to its line is meant.
 ``tests/mutants.txt`` was drawn before tests were moved to `make test-long`.
@@ -16,18 +21,27 @@ from __future__ import annotations
 
 import argparse
 import ast
+import difflib
 import os
 import random
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
+COVERAGE = ROOT / "out" / "coverage"
+LIKELY = 3
+"""How many files of tests are tried first."""
 ROOMS = {
     "engine": ["fame/engine"],
     "robot": ["fame/robot"],
@@ -78,19 +92,18 @@ def parsed(text: str) -> Mutant:
 
 def of_python(file: str, text: str) -> Iterator[Mutant]:
     """All changes of a module."""
-    lines = text.encode().splitlines(keepends=True)
+    encoded = text.encode()
     starts = [0]
-    for line in lines:
+    for line in encoded.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
 
-    def change(node: ast.AST, kind: str, after: str) -> Mutant:
+    def source(node: ast.AST) -> str:  # as ast.get_source_segment, which splits the whole text each time
         first = starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
         last = starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
-        before = text.encode()[first:last].decode()
-        return Mutant(file, node.lineno, node.col_offset + 1, kind, before, after)  # type: ignore[attr-defined]
+        return encoded[first:last].decode()
 
-    def source(node: ast.AST) -> str:
-        return ast.get_source_segment(text, node) or ""
+    def change(node: ast.AST, kind: str, after: str) -> Mutant:
+        return Mutant(file, node.lineno, node.col_offset + 1, kind, source(node), after)  # type: ignore[attr-defined]
 
     functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
     for node in {inner: None for function in functions for inner in ast.walk(function)}:
@@ -110,8 +123,48 @@ def of_python(file: str, text: str) -> Iterator[Mutant]:
                 yield change(node, "left out", "pass")
             case ast.Assign(targets=[ast.Attribute() | ast.Subscript()]):
                 yield change(node, "left out", "pass")
+            case ast.Raise() | ast.Delete():
+                yield change(node, "left out", "pass")
             case ast.Return(value=ast.expr() as value) if not isinstance(value, ast.Constant):
                 yield change(value, "nothing returned", "None")
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                yield change(node, "not left out", source(operand))
+        yield from (change(node, "field left out", without) for without in less(node, source))
+        for body in (getattr(node, name, None) for name in ("body", "orelse", "finalbody")):
+            for first, second in pairwise(body) if isinstance(body, list) else ():
+                if acts(first) + acts(second) > 2:  # else their order can hardly matter
+                    both = ast.Expr(first, lineno=first.lineno, col_offset=first.col_offset)
+                    both.end_lineno, both.end_col_offset = second.end_lineno, second.end_col_offset
+                    yield change(both, "swapped", f"{source(second)}; {source(first)}")
+
+
+def acts(statement: ast.AST) -> int:
+    """Return 2 for a call, 1 for an assignment to a part of something, -2 for all else."""
+    match statement:
+        case ast.Expr(value=ast.Call()):
+            return 2
+        case ast.Assign(targets=[ast.Attribute() | ast.Subscript()]) | ast.AugAssign(target=ast.Attribute()):
+            return 1
+    return -2
+
+
+def less(node: ast.AST, source: Callable[[ast.AST], str]) -> Iterator[str]:
+    """Yield the texts of a call, dict or set of names without one of its keyword arguments or entries."""
+    match node:
+        case ast.Call(keywords=keywords):
+            parts = [source(each) for each in keywords]
+        case ast.Dict(keys=keys, values=values) if len(keys) > 1 and None not in keys:
+            whole = source(node)
+            starts = [whole.index(source(key)) for key in keys if key]
+            ends = [whole.index(source(value), start) for start, value in zip(starts, values, strict=False)]
+            parts = [whole[start:end] + source(value) for start, end, value in zip(starts, ends, values, strict=False)]
+        case _:
+            return
+    whole = source(node)
+    for part in parts:
+        without = re.sub(rf"(?<=[(\s,{{]){re.escape(part)}\s*(,\s*|(?=[)}}]))", "", whole, count=1)
+        if without != whole:
+            yield without
 
 
 def of_model(file: str, text: str) -> Iterator[Mutant]:
@@ -129,14 +182,21 @@ def of_model(file: str, text: str) -> Iterator[Mutant]:
                 yield Mutant(file, line, column, kind, hit[0], after_hit)
 
 
-def draw(seed: int, missions: int, rooms: dict[str, int]) -> Iterator[Mutant]:
-    """Mutants of the shipped missions, then of each room, a file at most twice."""
+def draw(seed: int, missions: int, rooms: dict[str, int], *, covered: bool = False) -> Iterator[Mutant]:
+    """Mutants of the shipped missions, then of each room, a file at most once; of lines that tests run, any number."""
     generator = random.Random(seed)
     shipped = sorted((ROOT / "models").glob("*.bpmn"))
     yield from drawn(generator, missions, [(path, of_model) for path in shipped], most=len(shipped))
     for room, count in rooms.items():
         files = sorted(path for folder in ROOMS[room] for path in (ROOT / folder).rglob("*.py"))
-        yield from drawn(generator, count, [(path, of_python) for path in files], most=1)
+        yield from drawn(generator, count, [(path, of_run_lines if covered else of_python) for path in files],
+                         most=count if covered else 1)  # fmt: skip
+
+
+def of_run_lines(file: str, text: str) -> Iterator[Mutant]:
+    """All changes of a module at lines that a test runs."""
+    lines = tests_of(file)
+    return (mutant for mutant in of_python(file, text) if lines.get(mutant.line))
 
 
 def drawn(generator: random.Random, count: int, files: list, most: int) -> Iterator[Mutant]:
@@ -167,6 +227,28 @@ def applied(mutant: Mutant, text: str) -> str:
     return (source[:start] + mutant.after.encode() + source[start + len(before) :]).decode()
 
 
+def tests_of(file: str) -> dict[int, list[str]]:
+    """Return the tests that run each line of a module, as `cover` has noted."""
+    from coverage import CoverageData
+
+    data = CoverageData(str(COVERAGE))
+    data.read()
+    noted = data.contexts_by_lineno(str(ROOT / file))
+    return {line: [name.partition("|")[0] for name in names if name] for line, names in noted.items()}
+
+
+def running(mutant: Mutant, tree: Path) -> list[list[str]]:
+    """Name the tests that run a mutant's line: those of the likely files, then the others, the most precise first."""
+    lines = tests_of(mutant.file)
+    last = mutant.line + mutant.before.count("\n")
+    tests = dict.fromkeys(test for line in range(mutant.line, last + 1) for test in lines.get(line, ()))
+    counts = Counter(test.partition("::")[0] for test in tests)
+    mention = [file for file in nearest(mutant, tree) if file in counts]
+    order = [*mention, *(file for file, _ in counts.most_common() if file not in mention)]
+    by_file = [[test for test in tests if test.partition("::")[0] == file] for file in order]
+    return [[*chain(*by_file[:LIKELY])], [*chain(*by_file[LIKELY:])]]
+
+
 def nearest(mutant: Mutant, tree: Path) -> list[str]:
     """Name the test files that mention the mutant's module or model, those first that do most: the likely ones."""
     word = Path(mutant.file).stem if mutant.file.endswith(".bpmn") else Path(mutant.file).with_suffix("").as_posix()
@@ -175,28 +257,54 @@ def nearest(mutant: Mutant, tree: Path) -> list[str]:
     return [str(path.relative_to(tree)) for path, count in sorted(counts.items(), key=lambda it: -it[1]) if count][:12]
 
 
-def killer(mutant: Mutant, tree: Path, arguments: list[str]) -> str:
-    """Run the tests in a tree with the mutant: give the first that fails, or nothing."""
+def killer(mutant: Mutant, tree: Path, arguments: list[str], seconds: float, seeds: float) -> str:
+    """Run the tests in a tree with the mutant, then seeds: give the first that fails, or nothing."""
     path = tree / mutant.file
     text = path.read_text("utf-8")
     path.write_text(applied(mutant, text), "utf-8")
-    environment = os.environ | {"PYTHONPATH": str(tree)}
+    named = [word for word in arguments if word.startswith("tests")] or ["tests"]
     options = [word for word in arguments if not word.startswith("tests")]
+    pytest = ["pytest", "-x", "-p", "no:cacheprovider", "-o", "faulthandler_timeout=60"]
+    pytest += ["-o", "faulthandler_exit_on_timeout=true", *options]
+    noted = COVERAGE.exists() and mutant.file.endswith(".py")
+    until = time.monotonic() + seconds
     try:
-        for tests in (nearest(mutant, tree), [word for word in arguments if word.startswith("tests")] or ["tests"]):
-            command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *options, *tests]
-            done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
-            if done.returncode not in (0, 5):
+        for tests in running(mutant, tree) if noted else (nearest(mutant, tree), named):
+            done = tests and end_of([*pytest, *tests], tree, until - time.monotonic() if noted else None)
+            if done and done.returncode not in (0, 5):
                 failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
                 return failed[1] if failed else f"exit code {done.returncode}"
+        torture = ["tests.torture", "--seconds", str(seeds), "--seeds", "1:100000"]
+        if seeds and (done := end_of(torture, tree, 5 * seeds)) and done.returncode:
+            return next(iter(re.findall("^seed [0-9]+", done.stdout, re.MULTILINE)), "the simulation")
     finally:
         path.write_text(text, "utf-8")
     return ""
 
 
-def run(mutants: list[Mutant], arguments: list[str]) -> int:
-    """Try mutants, and print of each what killed it. Gives how many survived."""
-    survived = 0
+def end_of(module: list[str], tree: Path, seconds: float | None) -> subprocess.CompletedProcess[str] | None:
+    """Run a module in a tree; None if it has not ended after so many seconds."""
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(tree), *filter(None, [os.environ.get("PYTHONPATH")])])
+    }
+    command = [sys.executable, "-m", *module]
+    with tempfile.TemporaryFile("w+") as output:
+        started = subprocess.Popen(command, cwd=tree, env=environment, stdout=output, stderr=output, process_group=0)
+        try:
+            code = started.wait(seconds and max(seconds, 1))
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(started.pid, signal.SIGKILL)  # also what it has started
+            started.wait()
+        output.seek(0)
+        return subprocess.CompletedProcess(command, code, output.read())
+
+
+def run(mutants: list[Mutant], arguments: list[str], seconds: float, seeds: float) -> int:
+    """Try mutants, and print of each what killed it, then the diffs of the others. Gives how many survived."""
+    survived = []
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder, "tree")
         shutil.copytree(
@@ -204,14 +312,28 @@ def run(mutants: list[Mutant], arguments: list[str]) -> int:
         )
         for mutant in mutants:
             try:
-                by = killer(mutant, tree, arguments)
+                by = killer(mutant, tree, arguments, seconds, seeds)
             except ValueError as error:
                 print(f"not tried ({error}): {mutant}", flush=True)
                 continue
-            survived += not by
+            survived += [] if by else [mutant]
             print(f"{f'killed by {by}' if by else 'SURVIVED'}: {mutant}", flush=True)
-    print(f"{len(mutants) - survived} of {len(mutants)} killed")
-    return survived
+    for mutant in survived:
+        text = (ROOT / mutant.file).read_text("utf-8")
+        both = [each.splitlines() for each in (text, applied(mutant, text))]
+        print(*difflib.unified_diff(*both, mutant.file, "mutant", lineterm=""), sep="\n")
+    print(f"{len(mutants) - len(survived)} of {len(mutants)} killed")
+    return len(survived)
+
+
+def cover(arguments: list[str]) -> int:
+    """Run tests, and note which lines of the rooms each runs. Gives the exit code of pytest."""
+    COVERAGE.parent.mkdir(exist_ok=True)
+    settings = COVERAGE.with_suffix(".rc")
+    sources = "".join(f"\n  {folder}" for folders in ROOMS.values() for folder in folders)
+    settings.write_text(f"[run]\nsource ={sources}\ndata_file = {COVERAGE}\n", "utf-8")
+    options = ["--cov", f"--cov-config={settings}", "--cov-context=test", "--cov-report="]
+    return subprocess.run([sys.executable, "-m", "pytest", *options, *arguments], cwd=ROOT, check=False).returncode
 
 
 def main() -> int:
@@ -222,16 +344,23 @@ def main() -> int:
     drawing.add_argument("rooms", nargs="*", metavar="ROOM:COUNT", help=", ".join(ROOMS))
     drawing.add_argument("--seed", type=int, default=1)
     drawing.add_argument("--missions", type=int, default=0, metavar="COUNT")
+    drawing.add_argument("--covered", action="store_true", help="of lines that a test runs, as `cover` has noted")
     running = commands.add_parser("run")
     running.add_argument("list", type=Path)
-    running.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="of pytest, after --")
+    running.add_argument("--tests", type=float, default=120, metavar="S", help="for so long the tests of a line (120)")
+    running.add_argument("--seeds", type=float, default=0, metavar="S", help="for so long seeds, after the tests (0)")
+    for each in (running, commands.add_parser("cover")):
+        each.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="of pytest, after --")
     arguments = parser.parse_args()
     if arguments.command == "draw":
         rooms = {room: int(count) for room, _, count in (word.partition(":") for word in arguments.rooms)}
-        print(*draw(arguments.seed, arguments.missions, rooms), sep="\n")
+        print(*draw(arguments.seed, arguments.missions, rooms, covered=arguments.covered), sep="\n")
         return 0
+    if arguments.command == "cover":
+        return cover(arguments.arguments)
     lines = arguments.list.read_text("utf-8").splitlines()
-    return int(bool(run([parsed(line) for line in lines if line and not line.startswith("#")], arguments.arguments)))
+    mutants = [parsed(line) for line in lines if line and not line.startswith("#")]
+    return int(bool(run(mutants, arguments.arguments, arguments.tests, arguments.seeds)))
 
 
 if __name__ == "__main__":
