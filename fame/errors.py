@@ -21,6 +21,8 @@ from typing import Protocol
 
 LONGEST = 10_000
 """Most characters of a message that is not cut."""
+MODULE_NOT_FOUND = "install it, or name its folder in PYTHONPATH"
+"""What to do about a Python module of a script."""
 NOT_KNOWN = 3
 """The exit code of a command that found nothing wrong, but could not judge all that it was asked about."""
 

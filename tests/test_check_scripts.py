@@ -1,9 +1,12 @@
 """What `fame check` says of scripts: requests that nobody awaits, misspelt methods, names of earlier scripts."""
 
 from html import escape
+from pathlib import Path
 
 import pytest
 from check_drawing import alone, choice, ends, flow, flows, row, script, throw, told
+
+from fame.check import check
 
 TEXT = "std_msgs/msg/String"
 WARNINGS = {
@@ -26,6 +29,10 @@ WARNINGS = {
     "a misspelt method of the robot": (
         f'robot.publsh("a", "{TEXT}")',
         "t: robot has no 'publsh'; did you mean robot.publish?",
+    ),
+    "a module that is not found": (
+        "import own_tools",
+        "t: imports own_tools, which Python does not find here: install it, or name its folder in PYTHONPATH",
     ),
     "a level that the log does not have": ('log.warn("x")', "t: log has no 'warn'; did you mean log.warning?"),
 }
@@ -60,7 +67,28 @@ def test_what_a_seed_does_not_repeat_is_a_warning(text: str, expected: str) -> N
     assert told(alone(row(script(text)))) == [f"t: {expected}"]
 
 
+IMPORTS = "import own_tools.parts as parts\nfrom tools_of_others import cut"
+
+
+def test_a_module_that_is_not_found_is_a_warning_once() -> None:
+    assert told(alone(row(script(IMPORTS), script("import own_tools", "u")))) == [
+        "t: imports own_tools, which Python does not find here: install it, or name its folder in PYTHONPATH",
+        "t: imports tools_of_others, which Python does not find here: install it, or name its folder in PYTHONPATH",
+    ]
+
+
+def test_the_folder_of_a_module_beside_the_model_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mission.bpmn").write_text(alone(row(script("import own_tools"))))
+    (tmp_path / "own_tools.py").touch()
+    (found,) = check(tmp_path / "mission.bpmn")
+    assert found.text == f"imports own_tools, which Python does not find here: set PYTHONPATH={tmp_path}"
+    monkeypatch.syspath_prepend(tmp_path)
+    assert check(tmp_path / "mission.bpmn") == []
+
+
 FINE = {
+    "a module that a script tries": "try:\n    import own_tools\nexcept ImportError:\n    own_tools = None",
+    "modules that are there": "import os.path, numpy\nfrom json import dumps",
     "random numbers that a seed repeats": "import random\nimport numpy as np\n"
     "x = random.random() + robot.random.random()"
     "\ng = np.random.default_rng(robot.random.getrandbits(64))\ny = random.Random(3)",

@@ -155,7 +155,10 @@ def test_a_recording_is_drawn_as_a_film_or_its_last_frame(tmp_path: Path, capsys
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["-o", "x.gif"], "x.gif: is made of a recording: expected RUN.mcap"),
+        (
+            ["-o", "x.gif"],
+            "x.gif: is made of a recording: expected RUN.mcap, without a model and --robot; a model is drawn as .svg",
+        ),
         (["-o", "x.png", "--log", "run.jsonl"], "x.png: is made of a recording: expected RUN.mcap"),
         (["-o", "x.gif", MISSION, "--log", "run.mcap"], "x.gif: is made of a recording: expected RUN.mcap"),
         (["-o", "x.gif", "--log", "gone.mcap"], "gone.mcap: cannot be read"),

@@ -74,7 +74,7 @@ def test_a_type_may_be_named_without_msg() -> None:
         ("", "there is no such message type"),
         (
             "my_msgs/msg/Load",
-            r"; the folder that has my_msgs is named in fame.yaml \(types: \[FOLDER\]\) or by --types",
+            r"; the folder that has my_msgs is named in fame.yaml, here or above \(types: \[FOLDER\]\), or by --types",
         ),
     ],
 )

@@ -136,7 +136,8 @@ def test_a_message_file_is_imported_by_its_path(tmp_path: Path) -> None:
         ({"Processor": {"Parameters": {}}}, "Processor: expected the key Class"),
         ({"QoS": {"reliabilty": 1}}, "QoS: qos.reliabilty: there is no such policy"),
         ({"Imports": {"A": {"Package": "no_msgs.msg", "Module": "Nothing"}}}, "Imports.A: no_msgs/msg/Nothing: there "
-         "is no such message type; the folder that has no_msgs is named in fame.yaml (types: [FOLDER]) or by --types; "
+         "is no such message type; the folder that has no_msgs is named in fame.yaml, here or above (types: [FOLDER]), "
+         "or by --types; "
          "put a file Nothing.msg beside the configuration, or use the key File"),
         ({"Name": "a-b"}, "Name: expected a name of ASCII letters, digits and _, got 'a-b'"),
         ({"Filters": 1}, "Filters: unknown key; known are: Inputs, Outputs"),

@@ -5,12 +5,16 @@ from __future__ import annotations
 import ast
 import difflib
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
 
 from fame.bpmn.model import Body, Element, Expression
 from fame.check.expressions import ExpressionUse, constant, expressions_in
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
+from fame.errors import MODULE_NOT_FOUND
 from fame.scripting.interface import Log, Robot
 from fame.scripting.python import called_name
 from fame.scripting.python_effects import syntax_tree
@@ -58,6 +62,7 @@ _USES_TEST = (ast.If, ast.While, ast.IfExp)
 
 def check_scripts(scope: CheckScope) -> Iterator[Finding]:
     """Check the scripts and expressions of every process."""
+    yield from _modules_not_found(scope)
     for process in scope.processes:
         texts = [text for body in process.bodies() for text in expressions_in(body)]
         scripts = [text for text in texts if text.use == "script"]
@@ -74,6 +79,34 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
         in_javascript = [text for text in scripts if text.expression.language == "javascript"]
         yield from _without_next(process, in_javascript)
         yield from _piling_up(process, in_javascript)
+
+
+def _modules_not_found(scope: CheckScope) -> Iterator[Finding]:
+    """Modules that scripts import and Python does not find here, each once; nothing is imported."""
+    found: set[str] = set()
+    for process in scope.processes:
+        for text in (text for body in process.bodies() for text in expressions_in(body) if text.use == "script"):
+            tree = syntax_tree(text.expression, script=True)
+            for module, line in _imported(tree) if tree is not None else ():
+                if module in found or module in sys.modules or find_spec(module) is not None:
+                    continue
+                found.add(module)
+                beside = Path(process.file).parent
+                there = any((beside / name).exists() for name in (module, f"{module}.py"))
+                mend = f"set PYTHONPATH={beside}" if there else MODULE_NOT_FOUND
+                problem = f"imports {module}, which Python does not find here: {mend}"
+                yield process.finding("warning", problem, text.element, line)
+
+
+def _imported(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    """(package, line) of each import, but for those that a script tries."""
+    if isinstance(tree, ast.Import):
+        yield from ((alias.name.partition(".")[0], tree.lineno) for alias in tree.names)
+    elif isinstance(tree, ast.ImportFrom) and tree.module and not tree.level:
+        yield tree.module.partition(".")[0], tree.lineno
+    elif not (isinstance(tree, ast.Try) and tree.handlers):
+        for child in ast.iter_child_nodes(tree):
+            yield from _imported(child)
 
 
 def _misused_interface(process: CheckedProcess, text: ExpressionUse) -> Iterator[Finding]:

@@ -162,7 +162,7 @@ def _draw_recording(arguments: Namespace) -> None:
 
     named = [path for path in (arguments.model, arguments.log) if path is not None]
     if len(named) != 1 or arguments.robot or named[0].suffix.lower() != ".mcap":
-        text = "is made of a recording: expected RUN.mcap, without a model and --robot"
+        text = "is made of a recording: expected RUN.mcap, without a model and --robot; a model is drawn as .svg"
         raise ConfigError(text, file=str(arguments.output))
     with progress_line(sys.stderr, wanted=not arguments.json) as line:
         progress = line.count_frames if line is not None else None

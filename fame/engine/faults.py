@@ -15,7 +15,7 @@ from fame.engine.engine_state import EngineState
 from fame.engine.host import BpmnError, is_from_outside
 from fame.engine.program import FaultCatch, Handler, Node
 from fame.engine.state import Instance, Scope, Wait, scopes_of
-from fame.errors import MissionError
+from fame.errors import MODULE_NOT_FOUND, MissionError
 
 
 def fail(
@@ -212,5 +212,5 @@ def _describe(error: BaseException, code: str) -> str:
     if isinstance(error, MemoryError):
         return f"MemoryError: {str(error) or 'the script needs more memory than there is'}"
     if isinstance(error, ModuleNotFoundError):
-        return f"ModuleNotFoundError: {error}: install it, or name its folder in PYTHONPATH"
+        return f"ModuleNotFoundError: {error}: {MODULE_NOT_FOUND}"
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -292,7 +292,8 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
         return f"; did you mean {' or '.join(similar[:3])}?"
     package, is_full, _ = name.strip().partition("/")
     own = bool(is_full) and not any(full.startswith(f"{package}/") for full in known)
-    return f"; the folder that has {package} is named in fame.yaml (types: [FOLDER]) or by --types" if own else ""
+    where = f"; the folder that has {package} is named in fame.yaml, here or above (types: [FOLDER]), or by --types"
+    return where if own else ""
 
 
 def _table() -> dict[str, Definition]:
