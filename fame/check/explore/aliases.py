@@ -70,12 +70,12 @@ class Aliases:
         hold; each line stays."""
         changes = sorted(changes_in_place(script))
         names = {change[0]: others for change in changes if (others := self.of(change) & needed)}
-        found = accepted(script, "exec") if names else None
-        if found is None:
+        parsed = accepted(script, "exec") if names else None
+        if parsed is None:
             return script
         calls = (", ".join(f"lambda: {one}" for one in (name, *sorted(others))) for name, others in names.items())
         text = "; ".join(f"{SHARED}({call})" for call in calls)
-        return replace(script, text=f"{text}\n{found[0]}", line=script.line - 1)
+        return replace(script, text=f"{text}\n{parsed[0]}", line=script.line - 1)
 
 
 # ---- how values flow -------------------------------------------------------------------------------------------------
@@ -83,7 +83,7 @@ class Aliases:
 
 def _mappings(bodies: Iterable[model.Body]) -> set[str]:
     """The variables that only hold mappings and sets: iterating over one gives keys, which nothing changes."""
-    found, others = set[str](), set[str]()
+    mappings, others = set[str](), set[str]()
     for body in bodies:
         outputs = {id for node in body.nodes for id in node.data_outputs}
         others |= {name for item in body.data_objects if item.id in outputs for name in item.names}
@@ -95,17 +95,17 @@ def _mappings(bodies: Iterable[model.Body]) -> set[str]:
         for use in expressions_in(body):
             if use.use == "script" and (script := accepted(use.expression, "exec")):
                 new, other = mappings_in(script[1])
-                found, others = found | new, others | other
-    return found - others
+                mappings, others = mappings | new, others | other
+    return mappings - others
 
 
 def _flows_in(body: model.Body, mappings: Set[str]) -> Iterator[Flow]:
     for node in body.nodes:
         yield from _flows_of(node)
     for use in expressions_in(body):
-        if use.use == "script" and (found := accepted(use.expression, "exec")):
-            for one in ast.walk(found[1]):
-                yield from _flows_at(one, mappings)
+        if use.use == "script" and (parsed := accepted(use.expression, "exec")):
+            for part in ast.walk(parsed[1]):
+                yield from _flows_at(part, mappings)
         elif use.use == "script":  # in JavaScript
             yield use.reads, use.effects.sets, True
         elif isinstance(use.element, model.DataObject):
@@ -159,15 +159,17 @@ def _roots(target: ast.AST) -> set[str]:
 @lru_cache(maxsize=1024)
 def changes_in_place(script: model.Expression) -> frozenset[ChangedPlace]:
     """Return what a script in Python may change in lists, mappings or objects, which other variables may hold too."""
-    found = set[ChangedPlace]()
+    changes = set[ChangedPlace]()
     for node in ast.walk(syntax_tree(script) or ast.Pass()):
         if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
-            found.add((node.target.id, True))
+            changes.add((node.target.id, True))
         elif (place := changed_place(node)) is not None:
-            found |= {(name, isinstance(place, ast.Name)) for name in root(place)}
+            changes |= {(name, isinstance(place, ast.Name)) for name in root(place)}
         elif isinstance(node, ast.Call):
-            found |= {(name, False) for name in handed_over(node) if name in effects_of(script, script=True).may_change}
-    return frozenset(found)
+            changes |= {
+                (name, False) for name in handed_over(node) if name in effects_of(script, script=True).may_change
+            }
+    return frozenset(changes)
 
 
 def parts_in(node: ast.AST, mappings: Set[str] = frozenset()) -> set[str]:
@@ -193,15 +195,15 @@ def parts_in(node: ast.AST, mappings: Set[str] = frozenset()) -> set[str]:
 
 def mappings_in(tree: ast.AST) -> tuple[set[str], set[str]]:
     """Return the names to which a script assigns new mappings or sets, and those to which it assigns other values."""
-    found = dict[int, str]()
+    mappings = dict[int, str]()
     for node in ast.walk(tree):
         match node:
             case ast.Assign(targets=[ast.Name(id=name) as target], value=value):
                 match value:
                     case ast.Dict() | ast.DictComp() | ast.Set() | ast.SetComp() | ast.Call(ast.Name("dict" | "set")):
-                        found[id(target)] = name
+                        mappings[id(target)] = name
     stores = (node for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
-    return {*found.values()}, {node.id for node in stores if id(node) not in found}
+    return {*mappings.values()}, {node.id for node in stores if id(node) not in mappings}
 
 
 def new_value(node: ast.AST) -> bool:
@@ -258,15 +260,15 @@ def _inside(value: Any) -> Iterable[Any]:
     return value if isinstance(value, list | tuple) else ()
 
 
-def may_equal(one: Any, other: Any) -> bool:
+def may_equal(first: Any, other: Any) -> bool:
     """Return whether two values are equal, or may be, as something in them is unknown."""
-    if is_unknown(one) or is_unknown(other):
+    if is_unknown(first) or is_unknown(other):
         return True
-    if one.__class__ is not other.__class__:
+    if first.__class__ is not other.__class__:
         return False
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(may_equal(one[key], other[key]) for key in one)
-    inside, others = [*_inside(one)], [*_inside(other)]
+    if isinstance(first, dict):
+        return first.keys() == other.keys() and all(may_equal(first[key], other[key]) for key in first)
+    inside, others = [*_inside(first)], [*_inside(other)]
     if inside or others:
         return len(inside) == len(others) and all(map(may_equal, inside, others))
-    return bool(one == other)
+    return bool(first == other)

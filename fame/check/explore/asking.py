@@ -23,11 +23,11 @@ _ATOMS = (bool, int, float, str, bytes, type(None))
 def functions(values: Values) -> dict[str, Callable[..., Any]]:
     """Return the functions that the texts call, and those that make texts of values."""
 
-    def same(one: Any, other: Any) -> Any:
+    def same(first: Any, other: Any) -> Any:
         """Whether two values are one object: unknown if one of them is unknown, or may have other names too."""
-        if (not isinstance(one, _ATOMS) and not isinstance(other, _ATOMS)) or is_unknown(one) or is_unknown(other):
+        if (not isinstance(first, _ATOMS) and not isinstance(other, _ATOMS)) or is_unknown(first) or is_unknown(other):
             return values.unknown
-        return one.__class__ is other.__class__ and one == other
+        return first.__class__ is other.__class__ and first == other
 
     def text_of(text: Any) -> Any:
         """A text, unknown if something unknown was put into it."""
@@ -42,11 +42,11 @@ def functions(values: Values) -> dict[str, Callable[..., Any]]:
 @lru_cache(maxsize=1024)
 def asking(expression: Expression, mode: Literal["exec", "eval"] = "exec") -> Expression:
     """Return the text with these calls; its lines keep their numbers."""
-    found = accepted(expression, mode)
-    nodes = [node for node in ast.walk(found[1]) if isinstance(node, ast.expr) and _hides(node)] if found else []
-    if found is None or not nodes:
+    parsed = accepted(expression, mode)
+    nodes = [node for node in ast.walk(parsed[1]) if isinstance(node, ast.expr) and _hides(node)] if parsed else []
+    if parsed is None or not nodes:
         return expression
-    lines = [line.encode() for line in found[0].split("\n")]
+    lines = [line.encode() for line in parsed[0].split("\n")]
     for node in sorted(_outermost(nodes), key=lambda node: (-node.lineno, -node.col_offset)):
         assert node.end_lineno is not None
         assert node.end_col_offset is not None

@@ -77,13 +77,13 @@ class Broadcast:
         while pending:
             state, queue, reactions, deliveries = pending.pop()
             head, rest = queue[0], queue[1:]
-            found = head.arrivals.get(state & head.mask) if lost < 0 else None
-            if found is None:
-                found = self._delivered(state, head, lost - deliveries)
+            arrivals = head.arrivals.get(state & head.mask) if lost < 0 else None
+            if arrivals is None:
+                arrivals = self._delivered(state, head, lost - deliveries)
                 if lost < 0:
-                    head.arrivals[state & head.mask] = found
+                    head.arrivals[state & head.mask] = arrivals
             deliveries += len(head.receivers)
-            for difference, mark, added, answer in found:
+            for difference, mark, added, answer in arrivals:
                 after, more = state + difference | mark, rest + answer if answer else rest
                 if not more:
                     done.append((after, reactions + added))
@@ -103,15 +103,15 @@ class Broadcast:
 
     def _sent_by(self, sender: int, sent: Sent) -> _Queue:
         """The messages that a robot sends."""
-        found = []
-        for one in sent:
-            message = self._messages.get((sender, one))
+        queue = []
+        for sending in sent:
+            message = self._messages.get((sender, sending))
             if message is None:
-                topic, number, only = one
+                topic, number, only = sending
                 made = ImmediateMessage(sender, topic, number, self.receivers(sender, topic, only))
-                message = self._messages[sender, one] = made
-            found.append(message)
-        return tuple(found)
+                message = self._messages[sender, sending] = made
+            queue.append(message)
+        return tuple(queue)
 
     def _delivered(self, state: int, message: ImmediateMessage, lost: int) -> list[_Arrival]:
         """A message reaches all its receivers but the one with number `lost`: what may come of it.

@@ -243,12 +243,12 @@ class Walk:
 
     def _scopes(self) -> Control:
         number, positions = self.number, self.forms.positions
-        found = []
+        scopes = []
         for scope in self.scopes:
             joins, rare = scope.joins, None
             if scope.mail or scope.handles or scope.suspender or scope.held or scope.items is not None or scope.done:
                 rare = self._rare(scope)
-            found.append((
+            scopes.append((
                 number.get(scope.parent, 0),
                 scope.node,
                 scope.body,
@@ -258,7 +258,7 @@ class Walk:
                 tuple(sorted([(positions[join], tuple(counts)) for join, counts in joins.items()])) if joins else (),
                 rare,
             ))  # fmt: skip
-        return tuple(found)
+        return tuple(scopes)
 
     def _rare(self, scope: Scope) -> Hashable:
         """Return the fields that are empty in most scopes."""
@@ -306,8 +306,8 @@ class Walk:
 
     def _waiting_starts(self, ranks: dict[int, int]) -> Hashable:
         encode, positions = self.forms.encode, self.forms.positions
-        found = sorted(self.engine.waiting_starts.items(), key=lambda item: positions[item[0]])
-        return tuple([(node, tuple([(ranks[key], encode(message)) for key, message in kept])) for node, kept in found])
+        starts = sorted(self.engine.waiting_starts.items(), key=lambda item: positions[item[0]])
+        return tuple([(node, tuple([(ranks[key], encode(message)) for key, message in kept])) for node, kept in starts])
 
     def _gathered(self) -> Hashable:
         encode, positions = self.forms.encode, self.forms.positions
@@ -320,8 +320,8 @@ class Walk:
         """Return the place of each number in the order of age, from 1."""
         number = self.number
         ranks = [0] * len(number)
-        for rank, each in enumerate(sorted(number, key=_KEY), 1):
-            ranks[number[each] - 1] = rank
+        for rank, key in enumerate(sorted(number, key=_KEY), 1):
+            ranks[number[key] - 1] = rank
         return tuple(ranks)
 
     def _dict(self, variables: dict[str, Any]) -> int:

@@ -67,17 +67,17 @@ def _changed(given: Given) -> list[str] | None:
     variables, content, first, values = given
     names = list(dict.keys(variables))
     if names == first:
-        found = [*compress(names, map(is_not, dict.values(variables), values))]
+        changed = [*compress(names, map(is_not, dict.values(variables), values))]
     else:
         count = len(first)
         if names[:count] != first:
             return None
-        found = [*compress(first, map(is_not, dict.values(variables), values)), *names[count:]]
+        changed = [*compress(first, map(is_not, dict.values(variables), values)), *names[count:]]
     for name, items in content.lists:
         value = dict.__getitem__(variables, name)
-        if name not in found and not (len(value) == len(items) and all(map(is_, value, items))):
-            found.append(name)
-    return found + content.mutable if content.mutable else found
+        if name not in changed and not (len(value) == len(items) and all(map(is_, value, items))):
+            changed.append(name)
+    return changed + content.mutable if content.mutable else changed
 
 
 class Contents:
@@ -156,11 +156,11 @@ class Contents:
 
     def difference(self, before: int, after: int, written: Collection[str] = ()) -> Changes:
         """Return the changes from one content to another, including each variable in `written`, changed or not."""
-        one, other = self._contents[before], self._contents[after]
-        if one is other and not written:
+        first, other = self._contents[before], self._contents[after]
+        if first is other and not written:
             return ()
-        if one.layout is other.layout:
-            pairs = zip(one.layout.names, one.codes, other.codes, strict=True)
+        if first.layout is other.layout:
+            pairs = zip(first.layout.names, first.codes, other.codes, strict=True)
             names = {name for name, old, new in pairs if old != new}
         else:
             names = {name for name, _ in {*self._as_dict(before).items()} ^ {*self._as_dict(after).items()}}
@@ -177,11 +177,11 @@ class Contents:
                 codes[place] = code
             elif place is not None or code is not None:  # it has come into the content, or is no data any more
                 merged = self._as_dict(number)
-                for each, new in changes:
+                for changed_name, new in changes:
                     if new is not None:
-                        merged[each] = new
+                        merged[changed_name] = new
                     else:
-                        merged.pop(each, None)
+                        merged.pop(changed_name, None)
                 return self._number(merged)
         return self._numbered(content.layout, tuple(codes)) if changes else number
 
@@ -197,11 +197,11 @@ class Contents:
     def _codes(self, variables: dict[str, Any], names: Iterable[str]) -> dict[str, Hashable]:
         """Return the codes of those of these variables that belong to the content."""
         variable, kept = self.variable, self.kept
-        found = dict[str, Hashable]()
+        codes = dict[str, Hashable]()
         for name in names:
             if kept(name) and is_data(name, value := dict.__getitem__(variables, name)):
-                found[name] = variable(name, value)
-        return found
+                codes[name] = variable(name, value)
+        return codes
 
     def _number(self, codes: dict[str, Hashable]) -> int:
         names = tuple(sorted(codes))

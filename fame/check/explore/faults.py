@@ -35,25 +35,25 @@ class Faults:
             product.cut = product.further_faults = True
         return number << product.fault_shift
 
-    def add(self, state: int, found: list[Transition]) -> None:
+    def add(self, state: int, transitions: list[Transition]) -> None:
         """Add what a single fault may do now; an error that is not caught is a fault of its behaviour."""
         product = self.product
-        for transition in tuple(found):
+        for transition in tuple(transitions):
             new, robot, move, reactions = transition
             failed = next(((one, done) for one, done in ((robot, move), *reactions) if done.failed), None)
             if failed is not None:
-                found.remove(transition)
-                found.append((new + self._happens(self._failure(*failed)), robot, move, reactions))
+                transitions.remove(transition)
+                transitions.append((new + self._happens(self._failure(*failed)), robot, move, reactions))
             elif move.sending and product.options.delivery == "run":
-                found += self._losses(state, robot, move, reactions)
+                transitions += self._losses(state, robot, move, reactions)
             elif move.stimulus[0] == "hear":
-                found += self._loss(state, robot, move)
+                transitions += self._loss(state, robot, move)
         for robot, old in enumerate(product.locals_of(state)):
             if product.locals[robot].views[old].instances:
                 died = Move(robot, old, Successor(DEAD, (), (), False), 0, ("die", None, None))
                 fault = self._happens(("engine", product.robots[robot]))
-                found.append((state + died.difference + fault, robot, died, ()))
-            found += self._blocks(state, robot, old)
+                transitions.append((state + died.difference + fault, robot, died, ()))
+            transitions += self._blocks(state, robot, old)
 
     def _failure(self, robot: int, move: Move) -> SingleFault:
         text = next(what for kind, what in move.successor.flags if kind == "error")
@@ -101,15 +101,15 @@ class Faults:
 
 def outcomes(product: Product, explored: Explored, good: bytearray) -> dict[SingleFault, int | None]:
     """Fault -> number of the first state from which the others cannot end any more; None if they always can."""
-    found: dict[SingleFault, int | None] = {fault: None for fault in product.faults if fault}
+    doomed: dict[SingleFault, int | None] = {fault: None for fault in product.faults if fault}
     first: dict[SingleFault, int] = defaultdict(lambda: len(explored.states))
     for at in explored.stuck:
         fault = product.fault_of(explored.states[at])
         if fault:
             first[fault] = min(first[fault], at)
-    found.update(first)
+    doomed.update(first)
     for at in range(len(explored.offsets) - 1):
         fault = product.fault_of(explored.states[at])
-        if fault and not good[at] and found[fault] is None:
-            found[fault] = at
-    return found
+        if fault and not good[at] and doomed[fault] is None:
+            doomed[fault] = at
+    return doomed

@@ -128,7 +128,7 @@ class ExplorationReport:
         """Return all findings, the worst first."""
         good = self.explored.completable()
         circling = self._circling(good)
-        found = [
+        findings = [
             *self._stuck(good),
             *self._least("never", {cause: at for cause, at in circling.items() if not self.explored.layer(at)}, good),
             *self._not_started(),
@@ -138,10 +138,10 @@ class ExplorationReport:
             *self._growth(),
             *self._from_nowhere(),
         ]
-        found += self._unreachable() if self.exhaustive and self.explored.states else ()
+        findings += self._unreachable() if self.exhaustive and self.explored.states else ()
         delivery = self.product.options.delivery
-        found = [one if one.kind in FAILING else self._judged(replace(one, delivery=delivery)) for one in found]
-        return sorted(found, key=lambda one: KINDS.index(one.kind))
+        findings = [one if one.kind in FAILING else self._judged(replace(one, delivery=delivery)) for one in findings]
+        return sorted(findings, key=lambda one: KINDS.index(one.kind))
 
     # ---- single faults -------------------------------------------------------------------------------
 
@@ -215,37 +215,41 @@ class ExplorationReport:
                 causes.setdefault(self._cause(at), at)
         yield from self._least("deadlock", causes, good)
 
-    def _without_loss(self, cause: Cause, one: Finding, good: bytearray) -> Finding:
+    def _without_loss(self, cause: Cause, finding: Finding, good: bytearray) -> Finding:
         """A deadlock at the same elements that nothing lost has led to, if only lost signals are accepted there."""
-        if one.kind != "lost" or not one.accepted:
-            return one
+        if finding.kind != "lost" or not finding.accepted:
+            return finding
         known = {at for at in self.explored.stuck if not self.explored.layer(at) and self._cause(at) == cause}
         waits = [found for at in known for _, found in waiting(self.product, self.explored.states[at])]
         way = self.runs.without_loss({topic for found in waits for _, topic in found}, known)
-        other = self._waiting("deadlock", way[-1], good, self.runs.along(way)) if way else one
-        return one if other.accepted else other
+        other = self._waiting("deadlock", way[-1], good, self.runs.along(way)) if way else finding
+        return finding if other.accepted else other
 
     def _least(self, kind: FindingKind, causes: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
         """The findings of some causes, accepted ones and others, each without those whose cause contains another."""
-        found = {cause: self._without_loss(cause, self._waiting(kind, at, good), good) for cause, at in causes.items()}
-        for cause, one in found.items():
-            if not any(other < cause and bool(found[other].accepted) == bool(one.accepted) for other in found):
-                yield one
+        findings = {
+            cause: self._without_loss(cause, self._waiting(kind, at, good), good) for cause, at in causes.items()
+        }
+        for cause, finding in findings.items():
+            if not any(
+                other < cause and bool(findings[other].accepted) == bool(finding.accepted) for other in findings
+            ):
+                yield finding
 
     def _cause(self, at: int, moving: Set[int] = frozenset()) -> Cause:
         """At which elements robots of which pool wait in a state."""
         state = self.explored.states[at]
-        found = {(self.pools[robot], "" if robot in moving else element)
+        cause = {(self.pools[robot], "" if robot in moving else element)
                  for robot, waits in waiting(self.product, state) for element, _ in waits or (("-", ""),)}  # fmt: skip
-        return frozenset(found)
+        return frozenset(cause)
 
     def _not_started(self) -> Iterator[Finding]:
         """Pools that have to start, and may not have at the end."""
         for place, pool in enumerate(self.product.options.required):
             states = self.explored.states
             final = (at for at in self.explored.final if not self.explored.layer(at))
-            found = (at for at in final if not states[at] >> self.product.mark_shift + place & 1)
-            at = next((at for at in found if not self.product.fault_of(states[at])), None)
+            ended = (at for at in final if not states[at] >> self.product.mark_shift + place & 1)
+            at = next((at for at in ended if not self.product.fault_of(states[at])), None)
             if at is not None:
                 name, starts = self.pools[pool[0]], self.starts[pool[0]]
                 where = ", ".join(self._wait(element, topic) for element, topic in starts)
@@ -264,8 +268,8 @@ class ExplorationReport:
         if missed and kind == "deadlock":
             kind = "lost"
         parts = []
-        for robot, found in waits:
-            where = ", ".join(self._wait(element, topic) for element, topic in dict.fromkeys(found))
+        for robot, places_of_wait in waits:
+            where = ", ".join(self._wait(element, topic) for element, topic in dict.fromkeys(places_of_wait))
             parts.append(f"{names[robot]} waits at {where}" if where else f"{names[robot]} has no token that can move")
         after_all = {
             "deadlock": ", and nothing will come" if topics else "",
@@ -299,15 +303,15 @@ class ExplorationReport:
         certain = self.product.certain
         failing = {at for at, errors, _ in explored.failures if certain.intersection(errors)}
         leads = explored.leading_to([*explored.stuck, *(failing | explored.fatal) - {-1}])
-        found: dict[Cause, int] = {}
+        circling: dict[Cause, int] = {}
         for bottom in explored.bottoms(at for at in doomed if not leads[at]):
             at = min(bottom, key=lambda one: (len(waiting(self.product, explored.states[one])), one))
             there = self.product.locals_of(explored.states[at])
             others = [self.product.locals_of(explored.states[one]) for one in bottom]
             moving = {robot for robot, old in enumerate(there) if any(other[robot] != old for other in others)}
             cause = self._cause(at, moving)
-            found[cause] = min(at, found.get(cause, at))
-        return found
+            circling[cause] = min(at, circling.get(cause, at))
+        return circling
 
     # ---- signals, errors, elements -------------------------------------------------------------------
 
@@ -367,15 +371,15 @@ class ExplorationReport:
             for robot, element in failed
         }  # fmt: skip
         consequence = self._consequences(circling, good)
-        for (pool, element), found in errors.items():
+        for (pool, element), raised in errors.items():
             first = min(
-                (self.product.flags["error", robot, f"{element}\n{why}"] for robot, why in found),
+                (self.product.flags["error", robot, f"{element}\n{why}"] for robot, why in raised),
                 key=lambda one: one.at,
             )
-            who = _names([self.product.robots[robot] for robot, _ in found])
+            who = _names([self.product.robots[robot] for robot, _ in raised])
             place = self.runs.place(element)
-            text = f"{who}: {place.display_name} fails: {_together(why for _, why in found)}"
-            made = Finding("error", text, (place,), (self.processes[found[0][0]],), certain=(pool, element) in fatal)
+            text = f"{who}: {place.display_name} fails: {_together(why for _, why in raised)}"
+            made = Finding("error", text, (place,), (self.processes[raised[0][0]],), certain=(pool, element) in fatal)
             after = consequence((pool, element))
             if after is None:
                 yield replace(made, run=tuple(self.runs.seen(first)))

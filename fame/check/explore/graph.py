@@ -32,13 +32,13 @@ def shortest(starts: Iterable[int], goals: Container[int], after: Callable[[int]
 
 def reachable(starts: Iterable[_T], after: Callable[[_T], Iterable[_T]]) -> set[_T]:
     """Return what can be reached from some starts, themselves included."""
-    found = set(starts)
-    pending = list(found)
+    reached = set(starts)
+    pending = list(reached)
     while pending:
-        new = set(after(pending.pop())) - found
-        found |= new
+        new = set(after(pending.pop())) - reached
+        reached |= new
         pending += new
-    return found
+    return reached
 
 
 Errors = tuple[tuple[int, str], ...]
@@ -127,7 +127,7 @@ class Explored:
 
         All edges of the states `inside` lead to such.
         """
-        found, order, done = list[list[int]](), dict[int, int](), set[int]()
+        bottoms, order, done = list[list[int]](), dict[int, int](), set[int]()
         for start in inside:
             if start in order:
                 continue
@@ -157,10 +157,10 @@ class Explored:
                             component.append(stack.pop())
                         done.update(component)
                         if not left.intersection(component):
-                            found.append(component)
+                            bottoms.append(component)
                         if work:
                             left.add(work[-1][0])
-        return found
+        return bottoms
 
     def _after(self, at: int) -> array[int] | tuple[()]:
         return self.targets[self.offsets[at] : self.offsets[at + 1]] if at + 1 < len(self.offsets) else ()

@@ -222,8 +222,8 @@ class ExplorationHost:
             known = memory.recall(key)
             self._again = deque(known)
             try:
-                found = run(variables)
-                outcome = self.choose(2) == 0 if is_unknown(found) else found
+                result = run(variables)
+                outcome = self.choose(2) == 0 if is_unknown(result) else result
             finally:
                 self._again.clear()
             made = tuple(chosen for _, chosen, _ in self.outcome.choices[begun:])

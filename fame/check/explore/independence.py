@@ -112,16 +112,16 @@ class Structure:
         )
 
     def _touches(self, elements: frozenset[str]) -> _Touched:
-        found = _Touched()
-        for one in elements:
-            found.add(self._touched[one])
-        return found
+        touched = _Touched()
+        for element in elements:
+            touched.add(self._touched[element])
+        return touched
 
     def _region(self, element: str) -> frozenset[str]:
         """The elements that a token at an element may pass until it waits, itself and those where it waits included."""
 
-        def after(one: str) -> set[str]:
-            return self._after[one] - self._joins if one == element or not self._waits(one) else set()
+        def after(place: str) -> set[str]:
+            return self._after[place] - self._joins if place == element or not self._waits(place) else set()
 
         return frozenset(reachable([element], after))
 

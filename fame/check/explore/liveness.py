@@ -62,18 +62,18 @@ class Liveness:
         """Return the variables that nothing reads from now on before they are set, and those that
         nothing ever reads."""
         elements = frozenset(waiting)
-        found = self._dead.get(elements)
-        if found is None:
-            found = (frozenset(), frozenset())
+        dead_and_unused = self._dead.get(elements)
+        if dead_and_unused is None:
+            dead_and_unused = (frozenset(), frozenset())
             if self.applies and elements and elements <= self._reads.keys():
                 live, used = zip(*map(self._live, elements), strict=True)
                 left = frozenset(self._kept - self._always)
                 unused = left.difference(*used)
                 dead = left.difference(*live)
                 unused |= dead & self._remembered.keys()
-                found = (dead - unused, unused)
-            self._dead[elements] = found
-        return found
+                dead_and_unused = (dead - unused, unused)
+            self._dead[elements] = dead_and_unused
+        return dead_and_unused
 
     def _live(self, element: str) -> Dead:
         """The variables that are live while a token waits at an element, and those that an element behind it reads."""
@@ -86,14 +86,14 @@ class Liveness:
 
     def _is_read(self, element: str, name: str) -> bool:
         """Whether a token may come from an element to one that reads a variable before it is set."""
-        found, pending = {element}, [element]
+        seen, pending = {element}, [element]
         while pending:
-            one = pending.pop()
-            if name in self._reads[one]:
+            at = pending.pop()
+            if name in self._reads[at]:
                 return True
-            nexts = self.aside[one] if name in self._sets[one] else self.aside[one] | self.after[one]
-            for after in nexts - found:
-                found.add(after)
+            nexts = self.aside[at] if name in self._sets[at] else self.aside[at] | self.after[at]
+            for after in nexts - seen:
+                seen.add(after)
                 pending.append(after)
         return False
 

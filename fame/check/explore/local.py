@@ -130,10 +130,10 @@ class Local:
     def step(self, state: int, stimulus: Stimulus) -> tuple[Successor, ...]:
         """Return the ways that a stimulus may go in a state."""
         key = (state, stimulus)
-        found = self._memo.get(key)
-        if found is None:
-            found = self._memo[key] = self._new_step(state, stimulus)
-        return found
+        ways = self._memo.get(key)
+        if ways is None:
+            ways = self._memo[key] = self._new_step(state, stimulus)
+        return ways
 
     def step_by_engine(
         self, state: int, stimulus: Stimulus, keep: Callable[[Successor, Outcome], object] | None = None
@@ -169,10 +169,10 @@ class Local:
                 changes = self.forms.contents.difference(content, left[0], watched.writes) if left else None
                 effects.append(Effect(after, rest, changes, way.sent, way.flags, way.quiet, way.events))
 
-        found = self.step_by_engine(state, stimulus, note)
-        if len(effects) == self.steps - before and found[-1].state != CUT:  # all was noted
+        successors = self.step_by_engine(state, stimulus, note)
+        if len(effects) == self.steps - before and successors[-1].state != CUT:  # all was noted
             self._footprints.add(step, content, reads, effects)
-        return found
+        return successors
 
     def _is_watched(self, contents: tuple[int, ...]) -> bool:
         """Whether footprints of steps are noted: of one instance, without variables of inner scopes."""
@@ -188,17 +188,17 @@ class Local:
         key = (state, stimulus, way)
         if key in self._decisions:  # of another run, which begins in the same way
             return self._decisions[key]
-        found: list[list[tuple[str, int, int]]] = []
+        choices: list[list[tuple[str, int, int]]] = []
 
-        def keep(one: Successor, outcome: Outcome) -> None:
-            if one == way:
-                found.append(outcome.choices)
+        def keep(taken: Successor, outcome: Outcome) -> None:
+            if taken == way:
+                choices.append(outcome.choices)
 
         if state is None or stimulus is None:
             self._explored(*self._first(given), keep)
         else:
             self.step_by_engine(state, stimulus, keep)
-        decisions = self._decisions[key] = found[0] if found else []
+        decisions = self._decisions[key] = choices[0] if choices else []
         return decisions
 
     def _first(self, given: Data | None) -> tuple[Callable[[], Engine], Callable[[Engine], object]]:
@@ -259,7 +259,7 @@ class Local:
         keep: Callable[[Successor, Outcome], object] | None = None,
     ) -> tuple[Successor, ...]:
         """All ways of a step: run it with each list of decisions. Raises OutOfTimeError."""
-        host, found, cut, endless = self.host, dict[Successor, None](), False, 0
+        host, successors, cut, endless = self.host, dict[Successor, None](), False, 0
         pending: list[tuple[int, ...]] = [()]
         while pending:
             host.decisions = pending.pop()
@@ -300,11 +300,11 @@ class Local:
                 outcome.quiet,
                 tuple(outcome.events),
             )
-            found[way] = None
+            successors[way] = None
             if keep is not None:
                 keep(way, outcome)
-            if len(found) > MOST_WAYS:
+            if len(successors) > MOST_WAYS:
                 cut = True
                 break
         self.cut |= cut
-        return (*found, Successor(CUT, (), (), False)) if cut else tuple(found)
+        return (*successors, Successor(CUT, (), (), False)) if cut else tuple(successors)

@@ -65,8 +65,8 @@ class NetworkContents:
         """Return the difference when a robot has sent something."""
         if number == BEYOND:
             return 0
-        found = self._pushed.get((number, sending))
-        if found is None:
+        difference = self._pushed.get((number, sending))
+        if difference is None:
             sender, sent = self.sent[sending]
             content = dict(self._contents[number])
             for topic, message, only in sent:
@@ -77,21 +77,21 @@ class NetworkContents:
                         self.piles.add(channel)
                     content[channel] = waiting
             beyond = any(len(waiting) > MOST_MESSAGES for waiting in content.values())
-            found = self._pushed[number, sending] = (BEYOND if beyond else self.number(content)) - number
-        return found
+            difference = self._pushed[number, sending] = (BEYOND if beyond else self.number(content)) - number
+        return difference
 
     def heads(self, number: int) -> list[tuple[int, str, int, int]]:
         """Return the messages that may arrive next: (receiver, topic, message, difference when it has)."""
-        found = self._heads.get(number)
-        if found is None:
-            found = self._heads[number] = []
+        heads = self._heads.get(number)
+        if heads is None:
+            heads = self._heads[number] = []
             for channel, waiting in self._contents[number]:
                 content = dict(self._contents[number])
                 content[channel] = waiting[1:]
                 if not content[channel]:
                     del content[channel]
-                found.append((channel[2], channel[1], waiting[0], self.number(content) - number))
-        return found
+                heads.append((channel[2], channel[1], waiting[0], self.number(content) - number))
+        return heads
 
     def renamed(self, number: int, places: dict[int, int]) -> int:
         """Return the number when robots change places."""

@@ -133,62 +133,62 @@ class Product:
 
     def own(self, robot: int, state: int) -> tuple[Move, ...]:
         """Return what a robot may do by itself in a local state."""
-        found = self._own[robot].get(state)
-        if found is None:
+        moves = self._own[robot].get(state)
+        if moves is None:
             local = self.locals[robot]
             view, all_codes = local.views[state], self.options.faults or self.options.unhandled
-            found = self._own[robot][state] = tuple(
+            moves = self._own[robot][state] = tuple(
                 move
                 for stimulus, element in zip(view.own, view.elements, strict=True)
                 if all_codes or (element, stimulus[2]) not in local.unhandled
                 for move in self.moves(robot, state, stimulus, local.step(state, stimulus))
             )
-        return found
+        return moves
 
     def receive(self, robot: int, state: int, topic: str, message: int) -> tuple[Move, ...]:
         """Return what a message does to a robot."""
         key = (state, topic, message)
-        found = self._hears[robot].get(key)
-        if found is None:
+        moves = self._hears[robot].get(key)
+        if moves is None:
             stimulus = ("hear", topic, message)
             ways = self.locals[robot].step(state, stimulus) if state < CUT else (Successor(state, (), (), False),)
-            found = self._hears[robot][key] = self.moves(robot, state, stimulus, ways)
-        return found
+            moves = self._hears[robot][key] = self.moves(robot, state, stimulus, ways)
+        return moves
 
     def moves(self, robot: int, state: int, stimulus: Stimulus, ways: Sequence[Successor]) -> tuple[Move, ...]:
         mark = self.marks.get(robot, 0)
         if stimulus[0] == "outside" and stimulus[1] in self._watched:
             ways = [way._replace(events=((stimulus[1], THROWN, None), *way.events)) for way in ways]
-        found = tuple(
+        moves = tuple(
             Move(robot, state, way, self.network.sending(robot, way.sent), stimulus, mark if way.begins else 0)
             for way in ways
         )
         self.cut |= any(way.state == CUT for way in ways)
         chosen = stimulus[0] == "end" and stimulus[2] is not None  # a behaviour may raise it, or may not
         unsure = any(kind == "unsure" for way in ways for kind, _ in way.flags)
-        if not chosen and not unsure and all(move.failed for move in found):
-            for move in found:
+        if not chosen and not unsure and all(move.failed for move in moves):
+            for move in moves:
                 move.certain = True
-        return found
+        return moves
 
     def receivers(self, sender: int, topic: str, only: str = "") -> tuple[int, ...]:
         """Return the robots that take messages on a topic at some time."""
-        found = self.hearers.get((sender, topic))
-        if found is None:
+        receivers = self.hearers.get((sender, topic))
+        if receivers is None:
             others = (robot for robot in range(self.count) if robot != sender)
-            found = self.hearers[sender, topic] = tuple(r for r in others if topic in self.locals[r].topics)
-        return tuple(robot for robot in found if self.robots[robot] == only) if only else found
+            receivers = self.hearers[sender, topic] = tuple(r for r in others if topic in self.locals[r].topics)
+        return tuple(robot for robot in receivers if self.robots[robot] == only) if only else receivers
 
     def transitions(self, state: int) -> list[Transition]:
         """Return all transitions from a state; fewer if others need not be looked at."""
         network = state >> self.top
-        found: list[Transition] = []
+        transitions: list[Transition] = []
         if network:
-            self._arrivals(state, network, found)
-            if found and self.options.delivery == "fast":
-                found = self._judged(found)
-                return self.first_arrivals(state, found) if self.first_arrivals is not None else found
-            found = self._judged(found)
+            self._arrivals(state, network, transitions)
+            if transitions and self.options.delivery == "fast":
+                transitions = self._judged(transitions)
+                return self.first_arrivals(state, transitions) if self.first_arrivals is not None else transitions
+            transitions = self._judged(transitions)
         if self.alone is not None:
             few = self.alone(state)
             if few is not None:
@@ -198,28 +198,30 @@ class Product:
             old = rest & MASK
             rest >>= BITS
             if own[robot].get(old, True):
-                found += self.moved(state, robot, old)
-        return found
+                transitions += self.moved(state, robot, old)
+        return transitions
 
     def moved(self, state: int, robot: int, old: int) -> list[Transition]:
         """Return the transitions of a state in which a robot, whose local state is `old`, does something by itself."""
-        found: list[Transition] = []
+        transitions: list[Transition] = []
         for move in self.own(robot, old):
             if self._watched and move.stimulus[0] == "outside" and not self._throws(state, robot, move.stimulus[1]):
                 continue
             new = state + move.difference | move.mark
             if not move.sending:
-                found.append((new, robot, move, ()))
+                transitions.append((new, robot, move, ()))
             elif self.options.delivery == "run":
                 spread = self.broadcast.spread(new, (move.sending,))
-                found += [(after, robot, move, reactions) for after, reactions in spread]
+                transitions += [(after, robot, move, reactions) for after, reactions in spread]
             else:
-                found.append((new + (self.network.push(state >> self.top, move.sending) << self.top), robot, move, ()))
-        return self._judged(found)
+                transitions.append(
+                    (new + (self.network.push(state >> self.top, move.sending) << self.top), robot, move, ())
+                )
+        return self._judged(transitions)
 
-    def _judged(self, found: list[Transition]) -> list[Transition]:
+    def _judged(self, transitions: list[Transition]) -> list[Transition]:
         """The transitions, with what properties make of the events in them."""
-        return found if self.options.monitors is None else [self.judged(transition) for transition in found]
+        return transitions if self.options.monitors is None else [self.judged(transition) for transition in transitions]
 
     def judged(self, transition: Transition) -> Transition:
         """Return a transition, with what properties make of its events: those of its robot, then
@@ -228,9 +230,9 @@ class Product:
         if monitors is None or not is_observed(transition):
             return transition
         before = number = self.monitored(state)
-        for one, done in ((robot, move), *reactions):
+        for mover, done in ((robot, move), *reactions):
             if done.successor.events:
-                number = monitors.step(number, one, done.successor.events)
+                number = monitors.step(number, mover, done.successor.events)
         number = monitors.read(number)
         return state + ((number - before) << self.monitor_shift), robot, move, reactions
 
@@ -248,7 +250,7 @@ class Product:
         number = self.monitored(state)
         return (self.options.monitors.renamed(number, places) - number) << self.monitor_shift
 
-    def _arrivals(self, state: int, network: int, found: list[Transition]) -> None:
+    def _arrivals(self, state: int, network: int, transitions: list[Transition]) -> None:
         """Messages arrive."""
         for receiver, topic, message, less in self.network.heads(network):
             old = state >> (receiver * BITS) & MASK
@@ -256,7 +258,7 @@ class Product:
                 new = state + (less << self.top) + move.difference | move.mark
                 if move.sending:
                     new += self.network.push(new >> self.top, move.sending) << self.top
-                found.append((new, receiver, move, ()))
+                transitions.append((new, receiver, move, ()))
 
     def initial(self) -> list[Transition]:
         """Return the states in which all robots have started: before the first delivery all of them have.
@@ -271,7 +273,7 @@ class Product:
                 for state, reactions in starts
                 for move in ways
             ]
-        found: list[Transition] = []
+        transitions: list[Transition] = []
         for state, reactions in starts:
             sendings = [move.sending for _, move in reactions if move.sending]
             spread: list[tuple[int, Reactions]] = [(state, ())]
@@ -281,8 +283,8 @@ class Product:
                 for sending in sendings:
                     state += self.network.push(state >> self.top, sending) << self.top
                 spread = [(state, ())]
-            found += [(after, *reactions[0], (*reactions[1:], *more)) for after, more in spread]
-        return self._judged(found)
+            transitions += [(after, *reactions[0], (*reactions[1:], *more)) for after, more in spread]
+        return self._judged(transitions)
 
     def number(self, state: int) -> int | None:
         """Return the number of an explored state, in which equal robots may stand in another order."""

@@ -162,8 +162,8 @@ class Monitors:
     def step(self, number: int, robot: int, events: Observed) -> int:
         """Return the joint state after events of a robot, in their order."""
         key = (number, robot, events)
-        found = self._steps.get(key)
-        if found is None:
+        after = self._steps.get(key)
+        if after is None:
             states = self.states[number]
             for element, what, detail in events:
                 if what == VALUE:
@@ -178,25 +178,25 @@ class Monitors:
                     *(one.step(state, event) for one, state in watches),
                     states[-1],
                 )
-            found = self._steps[key] = self._number(states)
-        return found
+            after = self._steps[key] = self._number(states)
+        return after
 
     def read(self, number: int) -> int:
         """Return the joint state after the conditions were read."""
         if not self.sources:
             return number
-        found = self._read.get(number)
-        if found is None:
-            found = self._read[number] = self._number(self._after_reading(self.states[number]))
-        return found
+        after = self._read.get(number)
+        if after is None:
+            after = self._read[number] = self._number(self._after_reading(self.states[number]))
+        return after
 
     def _after_reading(self, joint: tuple[Any, ...]) -> tuple[Any, ...]:
         *states, numbers = joint
         pairs = zip(self.sources, numbers, strict=True)
         values = {source: self._values.value(one) for source, one in pairs if one is not None}
         unknown = {source for source, value in values.items() if holds_unknown(value)}
-        for place, one in enumerate(self.monitors):
-            parts = zip(one.parts, states[place], strict=True)
+        for place, monitor in enumerate(self.monitors):
+            parts = zip(monitor.parts, states[place], strict=True)
             states[place] = _plain(tuple(_read(part, state, values, unknown) for part, state in parts))
         return (*states, numbers)
 
@@ -211,30 +211,30 @@ class Monitors:
     def renamed(self, number: int, places: Mapping[int, int]) -> int:
         """Return the joint state when equal robots change places."""
         key = (number, tuple(sorted(places.items())))
-        found = self._renamed.get(key)
-        if found is None:
+        after = self._renamed.get(key)
+        if after is None:
             names = {self.names[old]: self.names[new] for old, new in places.items()}
             *states, values = self.states[number]  # without watches, which keep all robots apart
             last = dict(zip(self.sources, values, strict=True))
             back = {new: old for old, new in names.items()}
             moved = (last[one._replace(subject=back.get(one.subject, one.subject))] for one in self.sources)
             exchanged = (_exchanged(one, state, names) for one, state in zip(self.monitors, states, strict=True))
-            found = self._renamed[key] = self._number((*exchanged, tuple(moved)))
-        return found
+            after = self._renamed[key] = self._number((*exchanged, tuple(moved)))
+        return after
 
     def judge(self, runs: Runs, *, exhaustive: bool) -> Iterator[Judged]:
         """Yield what the explored states say about each property."""
         explored, product = runs.explored, runs.product
         numbers = [product.monitored(state) for state in explored.states]
         places = iter(range(len(self.monitors)))
-        for one, unjudged in zip(self.all, self.reasons, strict=True):
-            name, sentence = one.spec.name, one.spec.sentence
+        for monitor, unjudged in zip(self.all, self.reasons, strict=True):
+            name, sentence = monitor.spec.name, monitor.spec.sentence
             if unjudged:
                 yield Judged(name, sentence, "not known", unjudged)
                 continue
             place = next(places)
-            at, why = _refuted(one, [self.states[number][place] for number in numbers], explored)
-            apart = self._apart(one)
+            at, why = _refuted(monitor, [self.states[number][place] for number in numbers], explored)
+            apart = self._apart(monitor)
             said = [f"it names {', '.join(apart)}, so that no robots of the pool were taken for equal"] if apart else []
             if at is not None:
                 run = tuple(runs.to(at).steps)
@@ -245,11 +245,11 @@ class Monitors:
             verdict: Proof = "proved"
             if not exhaustive:
                 verdict, said = "not known", ["not all states were explored", *said]
-            elif one.absent:
+            elif monitor.absent:
                 verdict, said = "not known", [ABSENT, *said]
-            elif doubt := _doubtful(one, [self.states[number][place] for number in numbers], explored):
+            elif doubt := _doubtful(monitor, [self.states[number][place] for number in numbers], explored):
                 verdict, said = "not known", [doubt, *said]
-            elif all(one.verdict(self.states[number][place]).word == "not triggered" for number in {*numbers}):
+            elif all(monitor.verdict(self.states[number][place]).word == "not triggered" for number in {*numbers}):
                 verdict = "not triggered"
             if self._opaque and exhaustive:
                 verdict = "not known"
@@ -301,10 +301,10 @@ def _plain(state: State) -> State:
 def _exchanged(monitor: Monitor, state: State, names: Mapping[str, str]) -> State:
     """The state of a monitor when robots have other names."""
     bindings = [part.binding for part in monitor.parts]
-    found = list(state)
+    exchanged = list(state)
     for binding, one in zip(bindings, state, strict=True):
-        found[bindings.index({pool: names.get(robot, robot) for pool, robot in binding.items()})] = one
-    return tuple(found)
+        exchanged[bindings.index({pool: names.get(robot, robot) for pool, robot in binding.items()})] = one
+    return tuple(exchanged)
 
 
 def is_judged(monitor: Monitor) -> bool:

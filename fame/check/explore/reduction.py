@@ -65,13 +65,15 @@ class Reduction:
             else:
                 moves = table[old] = self.moves(robot, old) or None
             if moves is not None:
-                found: list[Transition] = [(state + move.difference | move.mark, robot, move, ()) for move in moves]
-                ahead = [index.get(canonical(one[0]), len(index)) for one in found if one[0] != state]
+                transitions: list[Transition] = [
+                    (state + move.difference | move.mark, robot, move, ()) for move in moves
+                ]
+                ahead = [index.get(canonical(one[0]), len(index)) for one in transitions if one[0] != state]
                 if ahead and min(ahead) > at:
-                    return found
+                    return transitions
         return self._stubborn.transitions(state) if self._stubborn is not None else None
 
-    def first_arrivals(self, state: int, found: list[Transition]) -> list[Transition]:
+    def first_arrivals(self, state: int, transitions: list[Transition]) -> list[Transition]:
         """Return the arrivals at one robot, if those at others lead to no more messages, and lead
         to states not yet explored.
 
@@ -82,15 +84,15 @@ class Reduction:
         for (_, topic, receiver), messages in product.network.content(state >> product.top):
             waiting[receiver] = (*waiting.get(receiver, ()), (topic, messages))
         if len(waiting) < 2:
-            return found
+            return transitions
         answering = [one for one, all in waiting.items() if self._answers(one, state >> (one * BITS) & MASK, all)]
         if len(answering) > 1:
-            return found
-        first = answering[0] if answering else found[0][1]
-        chosen = [one for one in found if one[1] == first]
+            return transitions
+        first = answering[0] if answering else transitions[0][1]
+        chosen = [one for one in transitions if one[1] == first]
         at, index = self._index[state], self._index
         ahead = all(index.get(self._canonical(one[0]), len(index)) > at for one in chosen)
-        return chosen if ahead else found
+        return chosen if ahead else transitions
 
     def _answers(self, robot: int, old: int, waiting: _Pending) -> bool:
         """Whether a robot may send something, or do what a property names, as these messages arrive.
@@ -98,19 +100,19 @@ class Reduction:
         They arrive in any order of their channels.
         """
         key = (robot, old, waiting)
-        found = self._answering.get(key)
-        if found is None:
-            found = False
+        answering = self._answering.get(key)
+        if answering is None:
+            answering = False
             for place, (topic, messages) in enumerate(waiting):
                 left = ((topic, messages[1:]),) if len(messages) > 1 else ()
                 rest = (*waiting[:place], *left, *waiting[place + 1 :])
                 moves = self.product.receive(robot, old, topic, messages[0])
                 answers = (move.sending or move.successor.events for move in moves)
                 if any(answers) or any(self._answers(robot, move.state, rest) for move in moves):
-                    found = True
+                    answering = True
                     break
-            self._answering[key] = found
-        return found
+            self._answering[key] = answering
+        return answering
 
     # ---- steps gone through at once ------------------------------------------------------------------
 
@@ -125,16 +127,16 @@ class Reduction:
             return [new + difference for difference in ends] if ends else (new,)
         if new >> self.product.top and self._fast:  # messages arrive before anybody goes on
             return (new,)
-        found, rest = [new], new
-        for one, table in enumerate(self._ends):
+        states, rest = [new], new
+        for place, table in enumerate(self._ends):
             old = rest & MASK
             rest >>= BITS
             known = table.get(old)
             if known is None:
-                known = self.ends(one, old)
+                known = self.ends(place, old)
             if known:
-                found = [state + ((end - old) << (one * BITS)) for state in found for end in known]
-        return found
+                states = [state + ((end - old) << (place * BITS)) for state in states for end in known]
+        return states
 
     def _differences(self, robot: int, move: Move) -> tuple[int, ...]:
         if move.ends is None:
@@ -156,10 +158,10 @@ class Reduction:
 
         Every way from each state between leads to one of them; else () as well, since somebody must come between.
         """
-        found = self._ends[robot].get(state)
-        if found is None:
-            found = self._ends[robot][state] = self._new_ends(robot, state)
-        return found
+        ends = self._ends[robot].get(state)
+        if ends is None:
+            ends = self._ends[robot][state] = self._new_ends(robot, state)
+        return ends
 
     def _new_ends(self, robot: int, state: int) -> tuple[int, ...]:
         after, pending, ends = dict[int, set[int]](), [state], list[int]()
@@ -194,9 +196,9 @@ class Reduction:
         silent = [move for move in moves if self._is_silent(robot, state, move)]
         if not silent:
             return ()
-        one = self._of_one_token(robot, state, moves, silent)
-        if one or len(silent) < len(moves):
-            return one
+        single = self._of_one_token(robot, state, moves, silent)
+        if single or len(silent) < len(moves):
+            return single
         views = self.product.locals[robot].views
         foreign = self._foreign(robot)
         return () if any(views[at].hears & foreign for at in (state, *(move.state for move in moves))) else moves

@@ -70,8 +70,8 @@ class InnerOutcomes(Variables):
 
     def recall(self, key: str) -> tuple[int, ...]:
         """Return the decisions that led to the outcome of a condition; none if it is not known."""
-        found: tuple[int, ...] = dict.get(self, key, ())
-        return found
+        outcomes: tuple[int, ...] = dict.get(self, key, ())
+        return outcomes
 
     def remember(self, key: str, decisions: tuple[int, ...]) -> None:
         """Keep the decisions that led to the outcome of a condition."""
@@ -108,8 +108,8 @@ class Outcomes(dict[str, Any]):
 
     def recall(self, key: str) -> tuple[int, ...]:
         """Return the decisions that led to the outcome of a condition; none if it is not known."""
-        found: tuple[int, ...] = self.get(key, ())
-        return found
+        outcomes: tuple[int, ...] = self.get(key, ())
+        return outcomes
 
     def remember(self, key: str, decisions: tuple[int, ...]) -> None:
         """Keep the decisions that led to the outcome of a condition."""
@@ -130,7 +130,7 @@ def memory_of(variables: dict[str, Any], reads: Set[str]) -> Outcomes | InnerOut
 
 def remembered(bodies: Iterable[model.Body]) -> dict[str, frozenset[str]]:
     """Condition -> the variables that it reads, of the conditions of a pool that are remembered; see `key_of`."""
-    found, others = dict[str, frozenset[str]](), set[str]()
+    reads_by_key, others = dict[str, frozenset[str]](), set[str]()
     for body in bodies:
         others |= {node.loop.output_collection for node in body.nodes if isinstance(node.loop, model.MultiInstance)}
         for use in expressions_in(body):
@@ -138,8 +138,8 @@ def remembered(bodies: Iterable[model.Body]) -> dict[str, frozenset[str]]:
                 return {}
             others |= use.effects.later
             if use.use == "condition" and use.effects.steady and use.effects.reads:
-                found[key_of(use.expression)] = use.effects.reads
-    return {key: reads for key, reads in found.items() if not reads & others}
+                reads_by_key[key_of(use.expression)] = use.effects.reads
+    return {key: reads for key, reads in reads_by_key.items() if not reads & others}
 
 
 def _is_key(name: str) -> bool:

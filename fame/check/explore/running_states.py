@@ -81,12 +81,12 @@ def counterparts(real: Program, explored: Program) -> dict[str, str]:
 
     Keys are numbered where files use the same id, and the programs have not the same files.
     """
-    found: dict[tuple[str, str], list[Node]] = defaultdict(list)
+    nodes: dict[tuple[str, str], list[Node]] = defaultdict(list)
     for node in explored.nodes:
-        found[node.file, _plain(node.key)].append(node)
+        nodes[node.file, _plain(node.key)].append(node)
     same = {node.key: node.key for node in OF_NO_PROGRAM}
     for node in real.nodes:
-        others = found.get((node.file, _plain(node.key)))
+        others = nodes.get((node.file, _plain(node.key)))
         if others:
             same[node.key] = others.pop(0).key
     return same
@@ -118,10 +118,10 @@ class _Translation:
     def _node(self, key: str | None) -> str | None:
         if key is None:
             return None
-        found = self._same.get(key)
-        if found is None:
+        same = self._same.get(key)
+        if same is None:
             raise MissionError(f"the state has a token at {key}, which the model does not have")
-        return found
+        return same
 
     def _known(self, key: int) -> bool:
         """Whether something is there in the exploration too."""

@@ -39,14 +39,14 @@ Due = tuple[float, int, int, int, str, str]
 
 def durations(elements: Iterable[Iterable[Element]]) -> dict[str, float]:
     """Return the times that timers and scripts take (s), as far as the model names them."""
-    found = dict[str, float]()
-    for one in chain.from_iterable(elements):
-        for expression, use in one.texts():
+    times = dict[str, float]()
+    for element in chain.from_iterable(elements):
+        for expression, use in element.texts():
             if use == "timer":
-                found[one.id] = seconds_of(expression.text) or 1.0
-            elif isinstance(one, Task) and expression is one.script:
-                found[one.id] = sum(map(float, _SLEEP.findall(expression.text))) or 1.0
-    return found
+                times[element.id] = seconds_of(expression.text) or 1.0
+            elif isinstance(element, Task) and expression is element.script:
+                times[element.id] = sum(map(float, _SLEEP.findall(expression.text))) or 1.0
+    return times
 
 
 @dataclass(slots=True)
@@ -77,14 +77,14 @@ class Sampler:
                     break
                 at, due = pending.pop()
                 key = at, tuple((one[0], *one[3:]) for one in due)
-                found = self._ways(at)
-                if key in seen or not found or not due:
+                transitions = self._ways(at)
+                if key in seen or not transitions or not due:
                     continue
                 seen.add(key)
                 now, _, _, robot, kind, element = due[0]
                 left = tuple((round(one[0] - now, 6), *one[1:]) for one in due[1:])
                 state = self.explored.states[at]
-                for transition in self._of(found, state, robot, kind, element):
+                for transition in self._of(transitions, state, robot, kind, element):
                     after = self._due(state, transition[0], left, robot if kind != "outside" else -1)
                     new = self._add(at, transition, after)
                     if new is not None:
@@ -123,8 +123,8 @@ class Sampler:
     def _layers(self) -> Iterator[tuple[list[tuple[int, tuple[Due, ...]]], int]]:
         """Where runs begin without an uncaught error, then after one, after two ..., each with its number of steps."""
         left, explored = self.steps, self.explored
-        found = [self._add(-1, transition, self._due(0, transition[0], ())) for transition in self.product.initial()]
-        pending = [(at, self._due(0, explored.states[at], ())) for at in dict.fromkeys(found) if at is not None]
+        starts = [self._add(-1, transition, self._due(0, transition[0], ())) for transition in self.product.initial()]
+        pending = [(at, self._due(0, explored.states[at], ())) for at in dict.fromkeys(starts) if at is not None]
         while left > LEAST:
             if pending:
                 left //= 2  # so that there are steps for what follows after one error more
@@ -143,14 +143,14 @@ class Sampler:
     def _ways(self, at: int) -> list[Transition]:
         """The transitions of a state; how it ends is noted."""
         state = self.explored.states[at]
-        found = self.product.transitions(state)
+        transitions = self.product.transitions(state)
         if at not in self._ended:
             self._ended.add(at)
             if self.product.is_final(state):
                 self.explored.final.append(at)
-            elif not found:
+            elif not transitions:
                 self.explored.stuck.append(at)
-        return found
+        return transitions
 
     def _add(self, at: int, transition: Transition, due: tuple[Due, ...] = ()) -> int | None:
         """The number of the state to which a transition leads; None if it needs one more error, or is not explored."""
@@ -166,18 +166,18 @@ class Sampler:
         self.explored.transitions += 1
         return new
 
-    def _of(self, found: list[Transition], state: int, robot: int, kind: str, element: str) -> list[Transition]:
+    def _of(self, transitions: list[Transition], state: int, robot: int, kind: str, element: str) -> list[Transition]:
         """The transitions in which something happens to one token at an element of a robot."""
         view = self.product.locals[robot].views[state >> (robot * BITS) & MASK]
         elements = dict(zip(view.own, view.elements, strict=True))
-        own = [one for one in found if one[1] == robot and one[2].stimulus[0] == kind
+        own = [one for one in transitions if one[1] == robot and one[2].stimulus[0] == kind
                and elements.get(one[2].stimulus) == element]  # fmt: skip
         first = min((one[2].stimulus[1] for one in own), default=None)
         return [one for one in own if one[2].stimulus[1] == first]
 
     def _due(self, old: int, new: int, left: tuple[Due, ...], moved: int = -1) -> tuple[Due, ...]:
         """What is due once the team has gone from one state to another; `moved`: the robot that did it."""
-        found = list(left)
+        due = list(left)
         for robot, local in enumerate(self.product.locals):
             before, after = (state >> (robot * BITS) & MASK for state in (old, new))
             if (left and before == after and robot != moved) or after >= CUT:
@@ -185,14 +185,14 @@ class Sampler:
             view = local.views[after]
             keys = dict(zip((stimulus[:2] for stimulus in view.own), view.elements, strict=True))
             wanted = Counter((kind, element) for (kind, _), element in keys.items())
-            for one in [one for one in found if one[3] == robot]:
-                if wanted[one[4:]] > 0:
-                    wanted[one[4:]] -= 1
+            for event in [one for one in due if one[3] == robot]:
+                if wanted[event[4:]] > 0:
+                    wanted[event[4:]] -= 1
                 else:
-                    found.remove(one)
+                    due.remove(event)
             for (kind, element), count in wanted.items():
                 for _ in range(count):
                     self._armed += 1
                     seconds = _WITHOUT.get(kind) or self.durations.get(element, 1.0)
-                    found.append((seconds, _ORDER.get(kind, 6), self._armed, robot, kind, element))
-        return tuple(sorted(found))
+                    due.append((seconds, _ORDER.get(kind, 6), self._armed, robot, kind, element))
+        return tuple(sorted(due))

@@ -56,22 +56,22 @@ def _expand(product: Product, explored: Explored, at: int, failing: list[_Failin
         if len(states) > options.limit or (not at & 255 and options.stop()):
             explored.cut = "states" if len(states) > options.limit else "seconds"
             break
-        found = product.transitions(states[at])
+        transitions = product.transitions(states[at])
         if options.faults:
             if states[at] >> product.fault_shift & FAULTS:
-                found = [transition for transition in found if not _is_failure(transition)]
+                transitions = [transition for transition in transitions if not _is_failure(transition)]
             else:
-                product.add_faults(states[at], found)
+                product.add_faults(states[at], transitions)
         before = len(failing)
-        for transition in found:
+        for transition in transitions:
             _follow(product, explored, at, transition, failing)
         offsets.append(len(explored.targets))
-        explored.transitions += len(found)
+        explored.transitions += len(transitions)
         if product.is_final(states[at]):
             explored.final.append(at)
-        elif not found:
+        elif not transitions:
             explored.stuck.append(at)
-        elif len(failing) - before == len(found):
+        elif len(failing) - before == len(transitions):
             explored.fatal.add(at)
         at += 1
     return at
@@ -113,15 +113,15 @@ def report(product: Product, at: int, transition: Transition) -> Errors:
     """Note what a transition reports for the first time; give its uncaught errors, unless a single fault happened."""
     state, robot, move, reactions = transition
     errors: list[tuple[int, str]] = []
-    for one, done in ((robot, move), *reactions):
+    for mover, done in ((robot, move), *reactions):
         if done.flags is not None:
             for kind, what in done.flags:
-                product.flags.setdefault((kind, one, what), Seen(at, transition))
+                product.flags.setdefault((kind, mover, what), Seen(at, transition))
             done.flags = None
         for element in done.failed:
-            errors.append((one, element))
+            errors.append((mover, element))
             if done.certain:
-                product.certain.add((one, element))
+                product.certain.add((mover, element))
     return () if state >> product.fault_shift & FAULTS else tuple(errors)
 
 

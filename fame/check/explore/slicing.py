@@ -65,15 +65,15 @@ def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Dependency]] |
         return None
     if effects_of(script, script=True).may_change:
         return None
-    found = []
+    statements = []
     for statement in tree.body:
         alone = effects_of(replace(script, text=ast.unparse(statement)), script=True)
         nodes = list(ast.walk(statement))
         loud = any(isinstance(node, ast.Raise | ast.Assert) for node in nodes) or not all(
             _has_no_effect(node) for node in nodes if isinstance(node, ast.Call)
         )
-        found.append((statement, loud, (alone.reads, alone.writes)))
-    return found
+        statements.append((statement, loud, (alone.reads, alone.writes)))
+    return statements
 
 
 def _tree(script: Expression) -> ast.Module | None:
@@ -156,7 +156,7 @@ def unknown_part(value: ast.expr, unknown: Set[str]) -> ast.expr | None:
     if isinstance(value, ast.UnaryOp) and not isinstance(value.op, ast.Not):
         return unknown_part(value.operand, unknown)
     if isinstance(value, ast.Call) and not value.keywords and _is_of_numbers(value.func):
-        return next((found for one in value.args if (found := unknown_part(one, unknown)) is not None), None)
+        return next((part for one in value.args if (part := unknown_part(one, unknown)) is not None), None)
     return None
 
 

@@ -70,17 +70,17 @@ class States:
             self.grown.add(grown)
             return None
         form, keys = walk.form()
-        found: Stimuli | None = None
+        accepted: Stimuli | None = None
         if form[0] not in self._dead:
-            found = stimuli(engine)
-            tokens = [element for element, _ in found.waiting]
+            accepted = stimuli(engine)
+            tokens = [element for element, _ in accepted.waiting]
             tokens += [node.id for scope in walk.scopes for node in scope.held]  # which go on after a suspension
             self._dead[form[0]] = self._liveness.dead(tokens)
         form = self._without_dead(form)
         state = (form, canonical_timers(self.host.timers, keys)) if self.host.timers else (form, ())
         number = self._numbers.get(state)
         if number is None:
-            number = self._add(state, self._view(engine, form, keys, state[1], found))
+            number = self._add(state, self._view(engine, form, keys, state[1], accepted))
         walk.dissolve()
         return number
 
@@ -102,10 +102,10 @@ class States:
             return form
         left = []
         for content in contents:
-            found = live.get((control, content))
-            if found is None:
-                found = live[control, content] = self.forms.contents.forgotten(content, dead, UNKNOWN, unused)
-            left.append(found)
+            forgotten = live.get((control, content))
+            if forgotten is None:
+                forgotten = live[control, content] = self.forms.contents.forgotten(content, dead, UNKNOWN, unused)
+            left.append(forgotten)
         return control, tuple(left)
 
     def _add(self, state: LocalState, view: View) -> int:
@@ -127,14 +127,14 @@ class States:
             seen.add(number)
         return number
 
-    def _view(self, engine: Engine, form: Form, keys: Keys, timers: Timers, found: Stimuli | None) -> View:
+    def _view(self, engine: Engine, form: Form, keys: Keys, timers: Timers, accepted: Stimuli | None) -> View:
         """What can happen in the state that an engine is in, which its control state and timers decide.
 
-        `found` are the engine's stimuli, if they are known.
+        `accepted` are the engine's stimuli, if they are known.
         """
         known = self._views.get((form[0], timers))
         if known is None:
-            made = view_of(engine, keys, found or stimuli(engine), self.host, self._outside, self._topic_sets)
+            made = view_of(engine, keys, accepted or stimuli(engine), self.host, self._outside, self._topic_sets)
             known = self._views[form[0], timers] = made
         return known
 
@@ -142,14 +142,14 @@ class States:
     def visited(self) -> set[str]:
         """The elements that a token has entered so far."""
         elements = self.program.elements
-        found = (
+        visited = (
             self._entered
             | self.host.entered
             | {elements[slot] for slot, count in enumerate(self.forms.counts) if count}
         )
         handlers = [(node.id, node.body) for source in self.program.sources for node in source.body.walk()
                     if node.triggered_by_event and node.body is not None]  # fmt: skip
-        return found | {id for id, body in handlers if any(inner.id in found for inner in body.walk())}
+        return visited | {id for id, body in handlers if any(inner.id in visited for inner in body.walk())}
 
     def note_begun(self, begun: Iterable[Instance]) -> None:
         """Count what instances that have begun have passed; all others count together."""

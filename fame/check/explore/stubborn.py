@@ -62,8 +62,8 @@ class Outlook:
         definitions = node.definitions if isinstance(node, model.Event) else caught
         if caught and len(caught) == len(definitions):
             awaits = 0
-            for one in caught:
-                awaits |= one
+            for topics in caught:
+                awaits |= topics
             self._awaits[node.id] = self._awaits.get(node.id, 0) | awaits
         elif isinstance(node, model.Task) and node.script is not None and _MAY_SEND.search(node.script.text):
             self._known = False
@@ -80,11 +80,11 @@ class Outlook:
         while size < (size := len(places)):  # what the robot sends it may also take itself
             pending = list(places)
             while pending:
-                one = pending.pop()
-                sent |= self._throws.get(one, 0)
-                after = flow.aside[one]
-                if not (awaits := self._awaits.get(one, 0)) or awaits & (passing | sent):
-                    after = after | flow.after[one]
+                at = pending.pop()
+                sent |= self._throws.get(at, 0)
+                after = flow.aside[at]
+                if not (awaits := self._awaits.get(at, 0)) or awaits & (passing | sent):
+                    after = after | flow.after[at]
                 pending += after - places
                 places |= after
         return sent
@@ -116,17 +116,17 @@ class Stubborn:
             return None
         self._tried += 1
         alone = [self._sent(robot, old, 0) for robot, old in enumerate(olds)]
-        found: dict[int, list[Transition]] = {}
+        ways: dict[int, list[Transition]] = {}
         sets = dict[int, int]()
         for robot in _members(moving):
             if product.locals[robot].views[olds[robot]].instances:
-                chosen = self._closure(state, olds, robot, moving, alone, found)
+                chosen = self._closure(state, olds, robot, moving, alone, ways)
                 if chosen != moving:
-                    sets[chosen] = sum(len(found[one]) for one in _members(chosen))
+                    sets[chosen] = sum(len(ways[one]) for one in _members(chosen))
                     if sets[chosen] == 1:
                         break
         for chosen in sorted(sets, key=sets.__getitem__):
-            transitions = [one for robot in _members(chosen) for one in found[robot]]
+            transitions = [one for robot in _members(chosen) for one in ways[robot]]
             if self._leads_on(state, transitions):
                 self._found += 1
                 return transitions
@@ -149,15 +149,15 @@ class Stubborn:
 
     def _closure(
         self, state: int, olds: Sequence[int], seed: int, moving: int, alone: Sequence[tuple[int, int]],
-        found: dict[int, list[Transition]],
+        ways: dict[int, list[Transition]],
     ) -> int:  # fmt: skip
-        """The robots that can move of a stubborn set with the robot `seed`; `found` gets the transitions of each."""
+        """The robots that can move of a stubborn set with the robot `seed`; `ways` gets the transitions of each."""
         chosen, touched = 0, 1 << seed
         while True:
             while new := touched & moving & ~chosen:
                 for robot in _members(new):
                     chosen |= 1 << robot
-                    touched |= self._touched(state, robot, olds[robot], found)
+                    touched |= self._touched(state, robot, olds[robot], ways)
             if chosen == moving:
                 return moving
             interfering = self._interfering(olds, touched, alone)
@@ -165,14 +165,14 @@ class Stubborn:
                 return chosen
             touched |= interfering
 
-    def _touched(self, state: int, robot: int, old: int, found: dict[int, list[Transition]]) -> int:
+    def _touched(self, state: int, robot: int, old: int, ways: dict[int, list[Transition]]) -> int:
         """The robots that the moves of a robot touch."""
-        if robot not in found:
-            found[robot] = self.product.moved(state, robot, old)
+        if robot not in ways:
+            ways[robot] = self.product.moved(state, robot, old)
         touched = 1 << robot
-        for _, _, _, reactions in found[robot]:
-            for one, _ in reactions:
-                touched |= 1 << one
+        for _, _, _, reactions in ways[robot]:
+            for other, _ in reactions:
+                touched |= 1 << other
         return touched
 
     def _interfering(self, olds: Sequence[int], touched: int, alone: Sequence[tuple[int, int]]) -> int:
@@ -180,14 +180,14 @@ class Stubborn:
 
         `alone`: what each may send if nothing reaches it, and the receivers of that.
         """
-        given = found = 0
+        given = interfering = 0
         for robot, (sent, receivers) in enumerate(alone):
             if not touched >> robot & 1:
                 given |= sent
                 if receivers & touched:
-                    found |= 1 << robot
-        if found:
-            return found
+                    interfering |= 1 << robot
+        if interfering:
+            return interfering
         before = -1
         while given != before:
             before = given
@@ -197,8 +197,8 @@ class Stubborn:
                     sent, receivers = self._sent(robot, olds[robot], reached)
                     given |= sent
                     if receivers & touched:
-                        found |= 1 << robot
-        return found
+                        interfering |= 1 << robot
+        return interfering
 
     def _sent(self, robot: int, old: int, given: int) -> tuple[int, int]:
         """What a robot may send if only topics in `given` reach it, and the receivers of that."""
@@ -211,11 +211,11 @@ class Stubborn:
 
     def _receivers(self, robot: int, topics: int) -> int:
         """The robots that may receive what a robot sends."""
-        found = 0
+        receivers = 0
         for topic, bit in self._topics.items():
             for receiver in self.product.receivers(robot, topic) if topics & bit else ():
-                found |= 1 << receiver
-        return found
+                receivers |= 1 << receiver
+        return receivers
 
 
 def _members(robots: int) -> Iterator[int]:

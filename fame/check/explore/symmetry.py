@@ -33,11 +33,11 @@ class Symmetry:
 
     def order(self, state: int, group: tuple[int, ...]) -> tuple[int, ...] | None:
         """Return the places of a group in the order of what they are at; None if they are in order."""
-        found = [state >> (robot * BITS) & MASK for robot in group]
+        locals_of_group = [state >> (robot * BITS) & MASK for robot in group]
         if not state >> self.top:
-            if all(first <= second for first, second in pairwise(found)):
+            if all(first <= second for first, second in pairwise(locals_of_group)):
                 return None
-            return tuple(sorted(range(len(group)), key=found.__getitem__))
+            return tuple(sorted(range(len(group)), key=locals_of_group.__getitem__))
         content = self.network.content(state >> self.top)
         inside = set(group)
 
@@ -49,20 +49,20 @@ class Symmetry:
                 for (sender, topic, receiver), messages in content
                 if robot in (sender, receiver)
             ]  # fmt: skip
-            return found[place], repr(sorted(parts))
+            return locals_of_group[place], repr(sorted(parts))
 
         order = tuple(sorted(range(len(group)), key=signature))
         return None if order == tuple(range(len(group))) else order
 
     def permuted(self, state: int, group: tuple[int, ...], order: tuple[int, ...]) -> int:
         """Return the state in which the robot at `order[k]` of the group has taken place k."""
-        found = [state >> (robot * BITS) & MASK for robot in group]
+        locals_of_group = [state >> (robot * BITS) & MASK for robot in group]
         network = state >> self.top
         places = {group[old]: group[new] for new, old in enumerate(order)}
         if self._exchanged is not None:
             state += self._exchanged(state, places)
         for place, robot in enumerate(group):
-            state += (found[order[place]] - found[place]) << (robot * BITS)
+            state += (locals_of_group[order[place]] - locals_of_group[place]) << (robot * BITS)
         if network:
             state += (self.network.renamed(network, places) - network) << self.top
         return state

@@ -155,8 +155,8 @@ class Runs:
     def _numbers(self, transition: Transition) -> tuple[int, ...]:
         """The numbers of the states to which the search went at once after a transition; empty if one is not known."""
         product = self.product
-        found = [product.number(state) for state in self._settled(transition)]
-        return tuple(one for one in found if one is not None) if None not in found else ()
+        numbers = [product.number(state) for state in self._settled(transition)]
+        return tuple(one for one in numbers if one is not None) if None not in numbers else ()
 
     def _leading(self, before: int | None, state: int, error: str | None) -> list[Transition]:
         """The transitions from one state to the next: one, and those that followed at once.
@@ -165,12 +165,12 @@ class Runs:
         """
         product = self.product
         if before is None:
-            found = product.initial()
+            transitions = product.initial()
         else:
-            found = product.transitions(before)
+            transitions = product.transitions(before)
             if product.options.faults and not product.fault_of(before):
-                product.add_faults(before, found)
-        ways = [(transition, end) for transition in found for end in self._settled(transition)
+                product.add_faults(before, transitions)
+        ways = [(transition, end) for transition in transitions for end in self._settled(transition)
                 if product.symmetry.canonical(end) == state]  # fmt: skip
         if not ways:
             raise LookupError("no transition leads to the next state")
@@ -294,10 +294,10 @@ def _misses(transition: Transition, topics: Set[str] | None = None) -> bool:
 
 def waiting(product: Product, state: int) -> list[tuple[int, tuple[tuple[str, str], ...]]]:
     """Return the robots that are not done in a state, by place, with (element, topic or "") of what each waits at."""
-    found = []
+    waits = []
     for robot in range(product.count):
         old = state >> (robot * BITS) & MASK
         views = product.locals[robot].views
         if old < len(views) and views[old].instances:
-            found.append((robot, views[old].waiting))
-    return found
+            waits.append((robot, views[old].waiting))
+    return waits

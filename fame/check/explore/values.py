@@ -260,8 +260,8 @@ class Values:
         if is_unknown(value):
             return None
         if hasattr(value, "__msgtype__"):
-            found = {field.name: self._known(getattr(value, field.name)) for field in fields(value)}
-            return {name: item for name, item in found.items() if item not in (None, {}) and name != EMPTY_FIELD}
+            known = {field.name: self._known(getattr(value, field.name)) for field in fields(value)}
+            return {name: item for name, item in known.items() if item not in (None, {}) and name != EMPTY_FIELD}
         if isinstance(value, list | tuple):
             return [self._known(item) for item in value]
         return value
@@ -303,9 +303,9 @@ class Values:
             return (None, [path or ("data",)]) if unknown and value is not None else (value, [])
         known, unknown_paths = {}, list[tuple[str, ...]]()
         for name, item in value.items():
-            inner, found = self._split(item, (*path, str(name)))
-            unknown_paths += found
-            if not found or isinstance(item, dict):
+            inner, paths = self._split(item, (*path, str(name)))
+            unknown_paths += paths
+            if not paths or isinstance(item, dict):
                 known[name] = inner
         return known, unknown_paths
 

@@ -40,31 +40,31 @@ class View:
 
 
 def view_of(
-    engine: Engine, keys: Keys, found: Stimuli, host: ExplorationHost, outside: Sequence[str], topics: Interned
+    engine: Engine, keys: Keys, accepted: Stimuli, host: ExplorationHost, outside: Sequence[str], topics: Interned
 ) -> View:
     """Return what can happen in the state that an engine is in; stimuli have the keys of an engine
     revived from the state.
 
-    found    the stimuli that the engine accepts
-    outside  topics on which anything may come from outside of the team
+    accepted  the stimuli that the engine accepts
+    outside   topics on which anything may come from outside of the team
     """
     own: dict[Stimulus, str] = {}
-    for key in sorted(found.scripts, key=keys.__getitem__):
-        wait, number = found.scripts[key], keys[key]
+    for key in sorted(accepted.scripts, key=keys.__getitem__):
+        wait, number = accepted.scripts[key], keys[key]
         own["end", number, None] = wait.node.id
         for code in step_under_way(wait).codes:
             own["end", number, code] = wait.node.id
-    if found.timers:
-        for key in sorted(next_timers(host.timers, found.timers), key=keys.__getitem__):
-            own["timer", keys[key], None] = found.timers[key].id
-    for wait in found.people:
+    if accepted.timers:
+        for key in sorted(next_timers(host.timers, accepted.timers), key=keys.__getitem__):
+            own["timer", keys[key], None] = accepted.timers[key].id
+    for wait in accepted.people:
         own["person", wait.node.id, None] = wait.node.id
-    for element in found.offers:
+    for element in accepted.offers:
         own["offer", element, None] = element
     for topic in outside:
-        if topic in found.topics:
+        if topic in accepted.topics:
             own["outside", topic, host.blank(topic)] = ""
-    listens = topics.setdefault(found.topics, found.topics)
+    listens = topics.setdefault(accepted.topics, accepted.topics)
     dropped = frozenset(topic for topic in listens if _is_dropped(engine, topic))
     hears = topics.setdefault(listens - dropped, listens - dropped)
     listeners = tuple(sorted((topic, len(listening)) for topic, listening in engine.listeners.items()))
@@ -73,7 +73,7 @@ def view_of(
     stored |= {start.catch.topic for start in engine.waiting_starts if start.catch is not None}
     kept = topics.setdefault(frozenset(stored), frozenset(stored))
     instances = len(engine.instances)
-    return View(tuple(own), tuple(own.values()), listens, hears, listeners, kept, instances, found.waiting)
+    return View(tuple(own), tuple(own.values()), listens, hears, listeners, kept, instances, accepted.waiting)
 
 
 def _is_dropped(engine: Engine, topic: str) -> bool:
