@@ -8,7 +8,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from io import BufferedReader
@@ -79,6 +79,20 @@ def is_deep(text: str, depth: int = DEPTH) -> bool:
             return False
         left = left.replace("[]", "")  # what has nothing in it
     return bool(left)
+
+
+def sorted_set(items: Collection[Any]) -> list[Any]:
+    """Return what is in a set in an order that no hash decides: numbers by value before others by their texts.
+
+    >>> sorted_set({"b", 10, "a", 9})
+    [9, 10, 'a', 'b']
+    """
+
+    def place(item: Any) -> tuple[bool, Any]:
+        is_number = isinstance(item, int | float) and item == item
+        return not is_number, item if is_number else repr(sorted_set(item) if isinstance(item, frozenset) else item)
+
+    return sorted(items, key=place)
 
 
 def printable(text: str) -> str:

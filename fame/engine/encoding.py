@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from fame.errors import MissionError
+from fame.text import sorted_set
 
 Data = dict[str, Any]
 Convert = Callable[[Any], Any]
@@ -31,7 +32,7 @@ def encode(value: Any, dump: Convert = no_data) -> Any:
     if isinstance(value, list):
         return list(value) if _is_plain(value) else [encode(item, dump) for item in value]
     if isinstance(value, tuple | set | frozenset):
-        items = value if isinstance(value, tuple) else sorted(value, key=repr)
+        items = value if isinstance(value, tuple) else sorted_set(value)
         return {f"${type(value).__name__}": [encode(item, dump) for item in items]}
     if isinstance(value, dict):
         if all(isinstance(key, str) and not key.startswith("$") for key in value):

@@ -238,7 +238,7 @@ class TeamJudge:
     def _use(self, judge: Judge, team: Vocabulary) -> None:
         self.judge, self._team = judge, team
         self._named = {key for one in judge.monitors for key in one.events}
-        for robot in team.robots.keys() - self._expected:
+        for robot in sorted(team.robots.keys() - self._expected):
             judge.doubt(robot, None)
         self._expected |= team.robots.keys()
         self._reads: dict[str, list[ValueSource]] = {}
@@ -250,7 +250,7 @@ class TeamJudge:
 
     def _see(self, robots: Iterable[str]) -> None:
         """Note that something of robots was recorded."""
-        for robot in {*robots} - self._seen:
+        for robot in sorted({*robots} - self._seen):
             self._seen.add(robot)
             if not self._measured:
                 self.judge.doubt(robot, 0)
@@ -331,7 +331,7 @@ class TeamJudge:
                 self.judge.lose(robot, why, self._heard.get(robot, 0))
             self._taken_up.pop(robot, None)
             self._robots[robot] = state
-        for robot in data["robots"].keys() - self._seen:
+        for robot in sorted(data["robots"].keys() - self._seen):
             if self._whole and data["robots"][robot]["instances"]:
                 self.judge.lose(robot, f"the recording does not have the beginning of {robot}")
         for robot in data["robots"].keys() - self._robots.keys():
@@ -342,7 +342,7 @@ class TeamJudge:
 def reads(judge: Judge, info: TopicInfo) -> bool:
     """Return whether a judge needs the messages of a topic: properties name it, or the battery that publishes it."""
     batteries = (ValueSource("battery", name.split("/")[1]) for name in info.publishers if info.types[:1] == (BATTERY,))
-    return info.name in judge.topics or not judge.sources.isdisjoint(batteries)
+    return info.name in judge.topics or any(battery in judge.sources for battery in batteries)
 
 
 def _replay(

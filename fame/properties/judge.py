@@ -49,7 +49,7 @@ class Judge:
 
     now: int
     monitors: Sequence[Monitor]
-    sources: frozenset[ValueSource]
+    sources: Sequence[ValueSource]
     topics: frozenset[str]
 
     def __init__(self, monitors: Sequence[Monitor], on_violation: Callable[[Judgement], object] | None = None) -> None:
@@ -73,7 +73,7 @@ class Judge:
 
     def _use(self, monitors: Sequence[Monitor]) -> None:
         self.monitors = monitors
-        self.sources = frozenset(source for one in monitors for source in one.sources)
+        self.sources = sorted({source for one in monitors for source in one.sources})
         self.topics = frozenset(_topics(monitors))
         self._due: int | None = 0 if any(one.timed for one in monitors) else None
         self._watched: dict[str, dict[str, dict[str, list[int]]]] = {}
@@ -108,7 +108,7 @@ class Judge:
             words = self._watched.setdefault(robot, {}).setdefault(element, {})
             words.setdefault(what, []).append(number)
         for part, one in enumerate(monitor.parts):
-            for source in one.condition.sources if one.condition else ():
+            for source in sorted(one.condition.sources) if one.condition else ():
                 self._readers[source].append((number, part))
 
     def kept(self) -> list[Any]:

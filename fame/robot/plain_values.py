@@ -23,6 +23,7 @@ from fame.engine.data import is_data
 from fame.fast_json import json_bytes, json_fragment
 from fame.middleware import typesystem
 from fame.middleware.messages import Message
+from fame.text import sorted_set
 
 try:
     import orjson
@@ -122,8 +123,10 @@ def _encoder(kind: type) -> _Encode:
         return _array
     if issubclass(kind, Mapping):
         return lambda value, depth: _mapping(value.items(), kind.__name__, len(value), depth)
-    if issubclass(kind, Sequence | set | frozenset):
+    if issubclass(kind, Sequence):
         return _listing
+    if issubclass(kind, set | frozenset):
+        return lambda value, depth: _listing(sorted_set(value), depth, kind.__name__)
     return _object
 
 
@@ -153,13 +156,13 @@ def _text(value: str, depth: int) -> Any:
     return value if len(value) <= TEXT else _cut(f"text of {len(value)}", value[:80])
 
 
-def _listing(value: Any, depth: int) -> Any:
+def _listing(value: Any, depth: int, kind: str = "") -> Any:
     if depth == 0:
         return _cut(reprlib.repr(value))
     if len(value) <= ITEMS:
         return [_encode(item, depth - 1) for item in value]
     first = [_encode(item, depth - 1) for item in islice(value, _FIRST)]
-    return _cut(f"{value.__class__.__name__} of {len(value)}", first)
+    return _cut(f"{kind or value.__class__.__name__} of {len(value)}", first)
 
 
 def _array(value: Any, depth: int) -> Any:

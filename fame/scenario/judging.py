@@ -75,7 +75,7 @@ class RunJudge(Observer):
         self._plan, self._report = plan, report
         self._nodes: dict[str, RobotNode] = {}
         self._reads: dict[str, list[ValueSource]] = {}
-        self._changed: set[str] = set()
+        self._changed: dict[str, None] = {}  # in the order of their changes
         self._instances: dict[str, list[Instance]] = {}  # the last one of each robot: it may have ended since
         self._recordings: list[Put] = []
         self._seen: dict[str, tuple[float, float, float]] = {}
@@ -134,10 +134,10 @@ class RunJudge(Observer):
         if robot in self._reads:
             if not self._changed:
                 self._middleware.scheduler.soon(self._read, Kind.WORLD)
-            self._changed.add(robot)
+            self._changed[robot] = None
 
     def _read(self) -> None:
-        changed, self._changed = self._changed, set()
+        changed, self._changed = self._changed, {}
         now = self._middleware.scheduler.now
         for robot in changed:
             running = [*self._nodes[robot].engine.instances.values()][-1:]

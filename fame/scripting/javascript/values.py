@@ -10,6 +10,8 @@ from decimal import Decimal
 from itertools import zip_longest
 from typing import Any
 
+from fame.text import sorted_set
+
 ATOMS = frozenset({int, float, str, bool, type(None)})
 """Types whose values never change."""
 
@@ -103,8 +105,10 @@ def _plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, Mapping):
         return dict(value)
-    if isinstance(value, (set, frozenset, bytes, bytearray)):
+    if isinstance(value, (bytes, bytearray)):
         return list(value)
+    if isinstance(value, (set, frozenset)):
+        return sorted_set(value)
     fields = getattr(value, "__dataclass_fields__", None) or getattr(value, "__dict__", None)
     if fields is None or callable(value):
         raise TypeError(f"{type(value).__name__} cannot be serialised")
