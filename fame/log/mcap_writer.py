@@ -1,6 +1,7 @@
 """Writes MCAP: messages in compressed chunks, an index at the end.
 
-Rare records are those of the package `mcap`; its writer takes seven times as long for a message, and 20 ms to import.
+Rare records are those of the package `mcap`, whose writer takes 2.9 µs for a message of 300 bytes where this one takes
+0.6 (processor time in turns, CPython 3.11), and 23 to 26 ms to import.
 """
 
 from __future__ import annotations

@@ -221,8 +221,8 @@ def _field(value: Any, depth: int) -> Any:
 
 @cache
 def _fields_of(type: str) -> Callable[[Any], dict[str, Any]] | None:
-    """The function that gives the fields of messages of a type, those of inner ones too, a third as long as orjson
-    needs to find them; None if there are sequences, long arrays or ones of float32 (orjson rounds)."""
+    """The function that gives the fields of messages of a type, those of inner ones too: with it, orjson takes 0.35 to
+    0.41 of the time of finding them itself. None if there are sequences, long arrays or ones of float32 (it rounds)."""
     return eval(f"lambda m: {_fields_source(type, 'm')}") if _is_simple(type) else None
 
 
