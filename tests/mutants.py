@@ -11,7 +11,8 @@ survived come last.
     python -m tests.mutants run --tests 120 --seeds 60 LIST -- tests -m 'not long'     killed by which test, or survived
 
 Without `cover` a file is drawn from once at most, and tests are the likely ones by their texts, then those named. After
-it only tests that run the line are tried, for `--tests` seconds; a test that does not end within a minute kills, too.
+it only tests that run the line are tried, the likely ones and the others for `--tests` seconds of processor time each;
+a test that does not end within a minute kills, too.
 A list is text, `FILE:LINE:COLUMN KIND | before | after`, and can be repeated after the code has moved: of the mutants
 that could be drawn with the same texts, the nearest to its line is meant.
 ``tests/mutants.txt`` was drawn before tests were moved to `make test-long`.
@@ -30,7 +31,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -267,10 +267,9 @@ def killer(mutant: Mutant, tree: Path, arguments: list[str], seconds: float, see
     pytest = ["pytest", "-x", "-p", "no:cacheprovider", "-o", "faulthandler_timeout=60"]
     pytest += ["-o", "faulthandler_exit_on_timeout=true", *options]
     noted = COVERAGE.exists() and mutant.file.endswith(".py")
-    until = time.monotonic() + seconds
     try:
         for tests in running(mutant, tree) if noted else (nearest(mutant, tree), named):
-            done = tests and end_of([*pytest, *tests], tree, until - time.monotonic() if noted else None)
+            done = tests and end_of([*pytest, *tests], tree, seconds if noted else None)
             if done and done.returncode not in (0, 5):
                 failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
                 return failed[1] if failed else f"exit code {done.returncode}"
@@ -283,21 +282,22 @@ def killer(mutant: Mutant, tree: Path, arguments: list[str], seconds: float, see
 
 
 def end_of(module: list[str], tree: Path, seconds: float | None) -> subprocess.CompletedProcess[str] | None:
-    """Run a module in a tree; None if it has not ended after so many seconds."""
+    """Run a module in a tree; None if it has not ended after so many seconds of processor time."""
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(tree), *filter(None, [os.environ.get("PYTHONPATH")])])
     }
-    command = [sys.executable, "-m", *module]
+    limit = [] if seconds is None else ["prlimit", f"--cpu={round(seconds)}:{round(seconds) + 1}"]
+    command = [*limit, sys.executable, "-m", *module]
     with tempfile.TemporaryFile("w+") as output:
         started = subprocess.Popen(command, cwd=tree, env=environment, stdout=output, stderr=output, process_group=0)
         try:
-            code = started.wait(seconds and max(seconds, 1))
-        except subprocess.TimeoutExpired:
-            return None
+            code = started.wait()
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(started.pid, signal.SIGKILL)  # also what it has started
             started.wait()
+        if code in (-signal.SIGXCPU, -signal.SIGKILL):
+            return None
         output.seek(0)
         return subprocess.CompletedProcess(command, code, output.read())
 
@@ -347,7 +347,9 @@ def main() -> int:
     drawing.add_argument("--covered", action="store_true", help="of lines that a test runs, as `cover` has noted")
     running = commands.add_parser("run")
     running.add_argument("list", type=Path)
-    running.add_argument("--tests", type=float, default=120, metavar="S", help="for so long the tests of a line (120)")
+    running.add_argument(
+        "--tests", type=float, default=120, metavar="S", help="processor time of the tests of a line (120)"
+    )
     running.add_argument("--seeds", type=float, default=0, metavar="S", help="for so long seeds, after the tests (0)")
     for each in (running, commands.add_parser("cover")):
         each.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="of pytest, after --")

@@ -114,6 +114,17 @@ def test_the_plain_topic_has_each_signal_once_for_other_nodes():
     assert kept(field, "B").count(-1) == 1
 
 
+@pytest.mark.parametrize("text", ["no JSON", "{}", '{"robot": 1}'])
+def test_what_cannot_be_read_is_reported(text):
+    field, notes = Field("A"), []
+    field.add("B", on_report=lambda event: notes.append(event.detail))
+    field.deploy(team(robots="B"))
+    stranger = field.middleware.node("stranger").publisher("/B/bpmn_signal/tick", "std_msgs/msg/String")
+    stranger.publish(messages.create("std_msgs/msg/String", text))
+    field.pass_time(1)
+    assert any("/B/bpmn_signal/tick: a message cannot be read: " in note for note in notes)
+
+
 def test_a_message_to_one_robot_reaches_it_alone():
     field = Field("A", "B", "C")
     field.deploy(team({**COUNTS, "to": "C"}, kind="message"))

@@ -32,8 +32,9 @@ from engine_models import (
     user,
 )
 
+from fame.clock import SECOND
 from fame.engine.snapshot import snapshot
-from fame.robot.journal import read_segment
+from fame.robot.journal import Journal, read_segment
 from fame.robot.state_tables import restore_engine
 from fame.robot.stored_values import Loader, dump
 
@@ -162,3 +163,35 @@ def test_every_record_gives_the_state_of_the_engine_at_that_time(name: str, tmp_
             again = restore_engine(state_at(found, records), node.engine.program, node.host, dict, load)
             assert json.loads(json.dumps(snapshot(again, dump=dump))) == state
     assert len(states) > 1
+
+
+def resumed(content: str, tmp_path: Path) -> Recorded:
+    """A run that has crashed at second 1, and goes on."""
+    first = Recorded(model(content), tmp_path)
+    first.simulation.run(1)
+    first.close()
+    return Recorded(model(content), tmp_path, now=SECOND)
+
+
+def test_what_a_script_awaits_is_looked_at_when_all_have_started_again(tmp_path: Path) -> None:
+    awaits, tries = "await until(lambda: tries == 2)", "tries = globals().get('tries', 0) + 1\nawait sleep(60)"
+    both = gateway("parallel", "g") + script("b", tries) + script("a", awaits) + user("u") + path("s g a u")
+    first = start() + script("zero", "tries = 0") + both.replace("s_g", "zero_g").replace('"s"', '"zero"')
+    run = resumed(first + path("s zero") + path("g b"), tmp_path).simulation.run(1.5)
+    assert run.instances[0].waiting == ["b", "u"]
+
+
+def test_until_the_restored_state_is_written_as_a_whole_the_old_one_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[str] = []
+    for name in ("append", "begin_segment"):
+        before = getattr(Journal, name)
+        monkeypatch.setattr(
+            Journal, name, lambda *given, before=before, name=name: (written.append(name), before(*given))
+        )
+    recovered = start("hs", "<signalEventDefinition/>", interrupting=False).replace('"hs"', '"hs" name="~/recovered"')
+    back = handler("h", recovered + script("k", "n = 1") + path("hs k"))
+    content = start() + user("u") + back + path("s u")
+    assert resumed(content, tmp_path).visits()["k"] == 1
+    assert written == ["begin_segment", "append", "begin_segment"]

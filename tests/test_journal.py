@@ -155,6 +155,17 @@ def test_a_directory_serves_one_engine_at_a_time(directory: StateDirectory) -> N
     assert f"is in use by another engine (process {os.getpid()})" in found.stderr
 
 
+def test_of_a_directory_that_was_replaced_no_lock_stays_open(directory: StateDirectory) -> None:
+    def opened() -> int:
+        return len(os.listdir("/proc/self/fd"))
+
+    before = opened()
+    directory.path.rename(directory.path.with_name("other"))
+    directory.path.mkdir()
+    assert directory.lock_again()
+    assert (directory.lock_again(), opened()) == (False, before)
+
+
 def test_it_is_for_its_owner_alone(directory: StateDirectory) -> None:
     path = written(directory)
     assert directory.path.stat().st_mode & 0o777 == 0o700

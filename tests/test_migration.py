@@ -117,6 +117,13 @@ def test_boundary_events_and_event_sub_processes_are_closed_and_opened() -> None
     assert set(new.node.engine.listeners) == {"/B", "/C"}
 
 
+def test_a_sub_process_gets_the_boundary_events_that_are_new() -> None:
+    content = start() + sub("p", start("t"), user("a"), path("t a")) + path("s p")
+    new = Migrated(Run(content).run(), content + boundary("y", "p", signal("B")) + user("b") + path("y b"))
+    new.simulation.signal("B")
+    assert new.waiting == ["b"]
+
+
 def test_sub_processes_calls_and_loops_go_over_with_what_is_in_them() -> None:
     several = (
         "<multiInstanceLoopCharacteristics><loopCardinality>3</loopCardinality></multiInstanceLoopCharacteristics>"

@@ -67,7 +67,6 @@ def set_timers(node: RobotNode, tables: Tables, set_back: int = 0) -> list[Wait]
         if late:
             node.host.report(element, f"{kind} timer {expression} came due while the engine was away: {missed}")
         if late and missed == "fail" and key in engine.waits:
-            node.host.timers.cancel(key)
             failed.append(engine.waits[key])
     return failed
 

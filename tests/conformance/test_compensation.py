@@ -175,6 +175,11 @@ def refused(content: str) -> str:
     return caught.value.text
 
 
+def test_a_compensation_event_has_one_trigger() -> None:
+    twice = boundary("b", "a", THROW, THROW) + script("u") + '<association id="l" sourceRef="b" targetRef="u"/>'
+    assert "a compensation event needs one handler" in refused(start() + script("a") + twice + path("s a"))
+
+
 def test_an_activity_has_one_compensation_handler() -> None:
     twice = undo("a") + undo("a").replace("c_a", "d_a").replace("u_a", "v_a").replace("l_a", "m_a")
     assert "its activity has another compensation handler" in refused(start() + script("a") + twice + path("s a"))

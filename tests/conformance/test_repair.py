@@ -74,6 +74,13 @@ def test_retry_executes_it_again_with_other_variables() -> None:
     assert run.visits == {"s": 1, "a": 1, "u": 1, "e": 1}
 
 
+def test_of_several_incidents_at_an_element_a_retry_takes_the_first() -> None:
+    run = kept(FAILING + script("m") + path("s m a"), x=0)
+    assert run.node.engine.others_at("a", "retry") == 1
+    run.node.engine.retry("a", {"x": 5})
+    assert (run.waiting, run.node.engine.others_at("a", "retry")) == (["a", "u"], 0)
+
+
 def test_a_retry_that_fails_is_an_incident_again() -> None:
     run = kept(FAILING, x=0)
     run.node.engine.retry("a")

@@ -110,7 +110,10 @@ def test_chained_variables_stay_chained() -> None:
 
 def test_the_state_of_another_program_is_refused() -> None:
     one, other = Run(start() + user("u") + path("s u")).run(), Run(start() + user("v") + path("s v")).run()
-    with pytest.raises(MissionError, match="the state is one of another model"):
+    hashes = [run.node.engine.program.hash[:12] for run in (one, other)]
+    with pytest.raises(
+        MissionError, match="the state is one of another model: .* hash {}, expected {};".format(*hashes)
+    ):
         restore(other.node.engine.program, snap(one), other.node.host)
 
 
@@ -159,3 +162,15 @@ def test_the_names_of_nodes_differ() -> None:
     program = Run(model(content + path("g d j"), process(start("t") + script("k"), id="Q"))).node.engine.program
     keys = [node.key for node in program.nodes]
     assert len(keys) == len(set(keys))
+
+
+def test_a_scope_that_was_cancelled_at_an_inclusive_join_is_in_no_snapshot() -> None:
+    inner = (
+        gateway("inclusive", "g") + user("a") + user("b") + gateway("inclusive", "j") + path("g a j") + path("g b j")
+    )
+    content = start() + sub("p", start("t"), inner, path("t g")) + boundary("x", "p", signal("A")) + user("u")
+    run = Run(content + path("s p") + path("x u")).run()
+    run.complete("a")
+    assert len(snap(run)["inclusive"]) == 1
+    run.signal("A")
+    assert (run.waiting, snap(run)["inclusive"]) == (["u"], [])
