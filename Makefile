@@ -40,9 +40,11 @@ NODE_PACKAGES := @bpmn-io/element-templates-validator bpmn-moddle camunda-bpmn-m
 # What checks the page's JavaScript: packages of npm, pinned there. The page itself has none.
 PAGE := .ci/page
 
-# The middleware of Jazzy, as PyPI has it: rclpy on Fast DDS.
-FASTDDS := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \
+# The middleware of two releases of ROS, as PyPI has it: rclpy on Fast DDS.
+JAZZY := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \
 	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-test-msgs==2.0.3
+KILTED := ros-rclpy==9.1.2 ros-rmw-fastrtps-cpp==9.3.3 ros-std-msgs==5.5.1 ros-std-srvs==5.5.1 \
+	ros-geometry-msgs==5.5.1 ros-sensor-msgs==5.5.1 ros-nav-msgs==5.5.1 ros-test-msgs==2.3.0
 FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py)
 
 # Another Python, and tests of what differs between versions: parsing of scripts, generators, regular expressions, dates.
@@ -106,13 +108,17 @@ out/node/installed: Makefile
 attack: $(VENV)/dev.installed
 	$(BIN)/python benchmarks/attack.py $(or $(ATTACK),--again)
 
-test-fastdds: .venv-fastdds/installed
-	ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST RMW_IMPLEMENTATION=rmw_fastrtps_cpp PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
-		.venv-fastdds/bin/python .ci/stage.py $@ --no-skips -W default -- -m "fastdds or ros" $(FASTDDS_TESTS) $(PYTEST)
+test-fastdds: test-fastdds-jazzy test-fastdds-kilted
 
-.venv-fastdds/installed: pyproject.toml Makefile
-	$$(.ci/python 3.12) -m venv .venv-fastdds
-	.venv-fastdds/bin/pip install --quiet --disable-pip-version-check $(FASTDDS) --editable '.[sim,dds,view]' 'cryptography>=42' 'pytest>=8'
+test-fastdds-%: .venv-%/installed
+	ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST RMW_IMPLEMENTATION=rmw_fastrtps_cpp PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
+		.venv-$*/bin/python .ci/stage.py $@ --no-skips -W default -- -m "fastdds or ros" $(FASTDDS_TESTS) $(PYTEST)
+
+.venv-jazzy/installed: RELEASE := $(JAZZY)
+.venv-kilted/installed: RELEASE := $(KILTED)
+.venv-jazzy/installed .venv-kilted/installed: pyproject.toml Makefile
+	$$(.ci/python 3.12) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check $(RELEASE) --editable '.[sim,dds,view]' 'cryptography>=42' 'pytest>=8'
 	@touch $@
 
 test-python: .venv-$(VERSION)/installed

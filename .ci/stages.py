@@ -203,11 +203,8 @@ def with_ros() -> list[str]:
 
 
 def fastdds() -> list[str]:
-    return [
-        "bash",
-        "-c",
-        f"make .venv-fastdds/installed && exec {' '.join(map(quoted, on_loopback(make('test-fastdds'))))}",
-    ]
+    tests = " ".join(map(quoted, on_loopback(make("test-fastdds"))))
+    return ["bash", "-c", f"make .venv-jazzy/installed .venv-kilted/installed && exec {tests}"]
 
 
 def pages() -> list[str]:

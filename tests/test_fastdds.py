@@ -1,7 +1,8 @@
 """FAME beside rclpy on Fast DDS, the default of ROS 2: its DDS backend (Cyclone), and rclpy with Fast DDS below FAME.
 
-``make test-fastdds`` installs rclpy and Fast DDS from PyPI for Python 3.12. The tests of all backends (``-m ros``) run
-there too. Topics and the graph are understood between any two DDS; services and actions are not.
+``make test-fastdds`` installs rclpy and Fast DDS of Jazzy and of Kilted from PyPI for Python 3.12. The tests of all
+backends (``-m ros``) run there too. Topics and the graph are understood between any two DDS; services and actions are
+not.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,10 @@ pytestmark = [
     pytest.mark.skipif(MISSING, reason="there is no Fast DDS: make test-fastdds"),
 ]
 TEXT, SET_BOOL, COUNT = "std_msgs/msg/String", "std_srvs/srv/SetBool", "test_msgs/action/Fibonacci"
+try:
+    IS_KILTED = int(version("ros-rclpy").split(".")[0]) >= 9
+except PackageNotFoundError:
+    IS_KILTED = False
 LARGE = 1_000_000
 """Bytes. More than a packet of UDP: it is sent in fragments."""
 PATIENCE = 2 * SECOND
@@ -87,7 +93,10 @@ def test_messages_of_every_size_go_both_ways(here: World) -> None:
     assert list(dict.fromkeys(answers)) == [10, LARGE, 0]
 
 
-def test_the_graph_shows_the_nodes_of_both(here: World) -> None:
+def test_the_graph_shows_the_nodes_of_both(here: World, request: pytest.FixtureRequest) -> None:
+    if IS_KILTED and request.node.callspec.params["here"] == "dds":
+        why = "Cyclone DDS 11.0 cannot read the type of ros_discovery_info that Kilted's Fast DDS sends"
+        request.applymarker(pytest.mark.xfail(reason=why, strict=True))
     node = here.node("us", "REX")
     talk(here, node)
     middleware = here.middlewares[0]  # type: ignore[attr-defined]
