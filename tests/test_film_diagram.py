@@ -108,6 +108,19 @@ def test_what_comes_again_and_again_does_not_draw_the_window_there() -> None:
     assert share(box, REX) > 0  # the task stands at the right end of the diagram
 
 
+def test_the_window_leaves_at_once_where_no_token_is() -> None:
+    events = [at("s", 0), at("far", 2, robot="DINGO"), at("far", 3.5, "leave", robot="DINGO")]
+    frames = list(film().frames(events, [number / 10 for number in range(50)]))
+    assert share(frames[34], DINGO) > 1e-4
+    assert [share(frame, REX) > 1e-4 for frame in frames[40:]] == [True] * 10  # at the start, where REX still is
+
+
+def test_what_passes_at_once_does_not_draw_the_window_there() -> None:
+    events = [at("s", 0), at("far", 2, robot="DINGO"), at("far", 2, "leave", robot="DINGO")]
+    frames = list(film().frames(events, [number / 10 for number in range(40)]))
+    assert all(share(frame, REX) > 1e-4 for frame in frames)
+
+
 def test_a_signal_is_named_when_it_is_thrown() -> None:
     def caption(frame: Image.Image) -> Image.Image:
         return frame.crop((0, frame.height - CAPTION, frame.width, frame.height))

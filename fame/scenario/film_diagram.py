@@ -2,7 +2,8 @@
 
 The diagram is drawn once. On each frame come the elements with a token, in the colour of their robot, and what
 happened since the frame before. A diagram that does not fit at a readable size is seen through a window, which goes
-where a token came last; what comes again and again, as a loop that waits for odometry, does not draw it there.
+where a token came last; what comes again and again, as a loop that waits for odometry, does not draw it there. It does
+not stay where no token is.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ _AFTERGLOW = 4
 _STRETCH = 1.3
 """How much higher than asked for a diagram may be if all of it is seen then."""
 _HOLD, _NEWS = 12, 6
-"""For how many frames the window stays at an element, and how often an element is news."""
+"""For how many frames the window stays at a token, and how often an element is news."""
 _GLIDE = 0.25
-"""The share of its way that the window makes in a frame."""
+"""The share of its way that the window makes in a frame; twice as much while no token is in it."""
 _PIXELS = 2.5e7
 """Most pixels of the whole diagram: one that is larger is drawn too small to be read."""
 _NARROWER = 0.86
@@ -106,12 +107,15 @@ class DiagramFilm:
         left, top, focus, since, recent = 0.0, 0.0, "", _HOLD, list[_Moment]()
         for moment in self._moments(events, times):
             since += 1
-            if since >= _HOLD and (news := [*moment.news, *(() if focus in moment.tokens else moment.tokens)]):
-                focus, since = news[-1], 0
+            sees = self._sees(self._corner(focus), moment.tokens)
+            news = [element for element in moment.news if element in moment.tokens]
+            if (since >= _HOLD and news) or (not sees and moment.tokens):
+                focus, since = (news or [*moment.tokens])[-1], 0
             goal = self._corner(focus)
             if not recent:
                 left, top = goal
-            left, top = left + (goal[0] - left) * _GLIDE, top + (goal[1] - top) * _GLIDE
+            share = _GLIDE if self._sees((left, top), moment.tokens) else 2 * _GLIDE
+            left, top = left + (goal[0] - left) * share, top + (goal[1] - top) * share
             recent = [*recent, moment][-_AFTERGLOW:]
             yield self._frame(recent, round(left), round(top))
 
@@ -147,6 +151,12 @@ class DiagramFilm:
         x, y, width, height = self._boxes.get(element, (0.0, 0.0, 0.0, 0.0))
         (across, down), (whole, high) = self._view, self._still.size
         return _begin(x + width / 2, across, whole), _begin(y + height / 2, down, high)
+
+    def _sees(self, corner: tuple[float, float], tokens: Iterable[str]) -> bool:
+        """Whether the window with this corner has a token in it."""
+        (left, top), (across, down) = corner, self._view
+        boxes = (self._boxes[element] for element in tokens if element not in self._frames)
+        return any(0 <= x + w / 2 - left <= across and 0 <= y + h / 2 - top <= down for x, y, w, h in boxes)
 
     def _frame(self, recent: Sequence[_Moment], left: int, top: int) -> Image:
         from PIL import Image, ImageDraw

@@ -100,7 +100,12 @@ function occupy(app, state, row, idle = -1) {
 /** What a robot does at an instant, in the words of the diagram. */
 export function doing(app, state, r) {
   const tokens = [...state.tokens.values()].filter((token) => token.r === r);
-  return occupy(app, state, { r, tokens, waits: [...(state.waits.get(r)?.values() ?? [])] }).doing;
+  return occupy(app, state, {
+    r,
+    name: app.mission.robots[r].name,
+    tokens,
+    waits: [...(state.waits.get(r)?.values() ?? [])],
+  }).doing;
 }
 
 /** What begins the process of a robot: "waits for stand_open"; empty if it begins at once, or there is none. */
@@ -149,7 +154,7 @@ function candidates(app, state, row) {
     const element = elements[e];
     const within = around.has(token.e) && element?.calls === undefined;
     if (element === undefined || /process$/.test(element.tag) || within) continue;
-    const gate = /Gateway$/.test(element.tag) ? waitAt(row, token)?.text : "";
+    const gate = /Gateway$/.test(element.tag) ? shortened(waitAt(row, token)?.text, row.name) : "";
     if (gate === undefined) continue; // it goes on at once
     const need = row.open.includes(waitAt(row, token));
     const still = held.has(`${token.s}/${token.e}`);
@@ -170,6 +175,9 @@ function candidates(app, state, row) {
 function waitAt(row, token) {
   return row.waits.find((wait) => wait.e === token.e && wait.scope === token.s);
 }
+
+/** What is waited for, without what a robot's own topics begin with: "joint_trajectory or timer". */
+const shortened = (text, robot) => text?.replaceAll("topic /", "").replaceAll(`${robot}/`, "");
 
 /** How far an activity has come: from the feedback of its action, or the way to its goal. */
 function progress(app, state, { r }, { e, scopes }) {
