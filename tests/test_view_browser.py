@@ -234,8 +234,8 @@ def test_the_page_fits_its_window_in_each_tab(page: Page) -> None:
 
 
 _FORTY_BLOCKS = """async () => {
-  const empty = { scopes: [], variables: [], waits: [], messages: [], poses: [], world: [], properties: [] };
-  const key = { scopes: [], tokens: [], waits: [], counts: [], variables: [], poses: [], world: {} };
+  const empty = { scopes: [], variables: [], waits: [], circles: [], messages: [], poses: [], world: [], properties: [] };
+  const key = { scopes: [], tokens: [], waits: [], circles: [], counts: [], variables: [], poses: [], world: {} };
   const none = Object.fromEntries(Object.keys(empty).map((name) => [name, 0]));
   const block = (number) => ({
     ...structuredClone(empty), number, start: number * 10, end: number * 10 + 9, first: 0, size: 100, key, at: none,

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 import pytest
 from bpmn_text import process
 
+from fame.log.channels import WAITING
 from fame.log.live_team import LiveTeam
 from fame.log.wait_chain import WaitChain
 from fame.log.wait_reasons import files_of
 from fame.robot.robot_state import RobotState
+from fame.view.blocks import Packer
+from fame.view.catalogue import Catalogue
 from tests.test_live_team import Field
 
 SIGNALS = '<signal id="Award" name="award"/><signal id="Bid" name="bid"/><signal id="Open" name="open"/>'
@@ -146,3 +149,17 @@ def test_a_robot_that_has_not_started_has_not_ended() -> None:
     token = {"element": "wait", "topics": ["/go"], "publishers": {"/go": ["/Door/fame_engine"]}}
     told = list(WaitChain({"Carrier": RobotState("p"), "Door": RobotState("p")}, {}, {}, {}).lines("Carrier", token))
     assert told == ["  Door has not started its process"]
+
+
+def test_a_page_gets_a_circle_when_it_closes_and_when_it_opens() -> None:
+    packer, seen = Packer(Catalogue([]), ["Carrier", "Door"]), {}
+    for time, (robot, other) in enumerate((("Carrier", "Door"), ("Door", "Carrier"))):
+        token = {"key": "1", "scope": 0, "element": "wait", "since": 0, "kind": "topic", "text": "topic /go"}
+        token |= {"topics": ["/go"], "publishers": {"/go": [f"/{other}/fame_engine"]}}
+        packer.put(WAITING, time, {"robot": robot, "tokens": [token], "gone": []})
+        seen[time] = packer.key_json()["circles"]
+    together = f"Carrier and Door wait for each other; {NO_WAY_OUT}"
+    assert seen == {0: [], 1: [[0, together], [1, together]]}
+    packer.put(WAITING, 5, {"robot": "Carrier", "tokens": [], "gone": ["1"]})
+    assert packer.blocks[-1].lists["circles"] == [[1, 0, together], [1, 1, together], [5, 0, ""], [5, 1, ""]]
+    assert packer.key_json()["circles"] == []

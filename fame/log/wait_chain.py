@@ -11,7 +11,7 @@ from fame.clock import SECOND
 from fame.dataclasses import dataclass, field
 from fame.errors import display_name
 from fame.log.elements import UNKNOWN, ElementInfo, element_info
-from fame.log.wait_reasons import silences, wait_text
+from fame.log.wait_reasons import silences, suspension, wait_text
 from fame.middleware.interface import ENGINE, resolve
 from fame.robot.robot_state import RobotState
 from fame.robot.wait_sentences import sentence
@@ -25,33 +25,26 @@ _FROM_OUTSIDE = frozenset(("timer", "conditional", "signal", "message"))
 class WaitChain:
     """The waits of a team at one moment: the state of each robot, the files that it runs, its clock (ns).
 
-    `publishers`: topic -> the nodes that publish on it.
+    `publishers`: topic -> the nodes that publish on it, for starts, of which no token says it.
     """
 
     states: Mapping[str, RobotState]
     files: Mapping[str, Sequence[Definitions]]
-    now: Mapping[str, int]
-    publishers: Mapping[str, Sequence[str]]
+    now: Mapping[str, int] = field(default_factory=dict)
+    publishers: Mapping[str, Sequence[str]] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
-    _infos: Mapping[str, Mapping[str, ElementInfo]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._infos = {robot: element_info(files) for robot, files in self.files.items()}
+    _infos: dict[str, Mapping[str, ElementInfo]] = field(default_factory=dict)
 
     def lines(self, robot: str, token: Mapping[str, Any]) -> Iterator[str]:
         """Yield what the robots wait for that publish what a token of `robot` waits for, to the
         end. Each is told once."""
         self._told = {robot}
         yield from self._senders(token, 1)
-        circle = self._circle(robot)
-        if len(circle) > 1:
-            ways = [way for one in circle for way in self._ways_out(one, circle)]
-            end = sentence("ways_out", ways="; ".join(ways)) if ways else sentence("no_way_out")
-            robots = f"{', '.join(circle[:-1])} and {circle[-1]}"
-            yield printable(f"  {sentence('circle', robots=robots)}; {end}")
+        if text := self.circle_text(self.circle(robot)):
+            yield printable(f"  {text}")
 
     def _senders(self, token: Mapping[str, Any], depth: int) -> Iterator[str]:
-        for topic, senders in _publishers(token).items():
+        for topic, senders in senders_of(token).items():
             for sender in senders:
                 if sender not in self._told:
                     self._told.add(sender)
@@ -60,7 +53,7 @@ class WaitChain:
     def _robot(self, robot: str, topic: str, indent: str, depth: int) -> Iterator[str]:
         """What one that publishes on a topic does now."""
         if robot not in self.states:
-            yield printable(f"{indent}{robot} runs no process that is known: it may publish {topic} at any time")
+            yield printable(indent + sentence("stranger", node=robot, topic=topic))
             return
         waits = self._waits(robot)
         if not waits:
@@ -69,17 +62,28 @@ class WaitChain:
             seconds = (
                 f", for {max(0, self.now.get(robot, 0) - wait['since']) / SECOND:.1f} s" if "since" in wait else ""
             )
-            by = f" (suspended by {wait.get('by', 'an event sub-process')})" if wait.get("suspended") else ""
+            by = f" ({suspended})" if (suspended := suspension(wait)) else ""
             text = "; ".join([wait_text(wait) + by, *silences(wait, self.now.get(robot, 0))])
             yield printable(f"{indent}{robot} waits at {self._label(robot, wait)}{seconds}, for {text}")
             yield from self._senders(wait, depth + 1)
 
     # ---- circles -----------------------------------------------------------------------------------------------------
 
-    def _circle(self, robot: str) -> Sequence[str]:
-        """The robots that wait for `robot`, among those that it waits for; with it, in order."""
-        reached = {one: self._awaited(one) for one in self.states}
-        return sorted(one for one in reached[robot] | {robot} if one == robot or robot in reached[one])
+    def circle(self, robot: str) -> Sequence[str]:
+        """Return the robots that wait for `robot`, among those that it waits for, with it, in order; or none."""
+        reached = self._awaited(robot)
+        if robot not in reached:
+            return ()
+        found = sorted(one for one in reached if one == robot or robot in self._awaited(one))
+        return found if len(found) > 1 else ()
+
+    def circle_text(self, circle: Sequence[str]) -> str:
+        """Return that robots wait for each other, and what can end that, in words; empty without any."""
+        if not circle:
+            return ""
+        ways = dict.fromkeys(way for one in circle for way in self._ways_out(one, circle))
+        end = sentence("ways_out", ways="; ".join(ways)) if ways else sentence("no_way_out")
+        return f"{sentence('circle', robots=', '.join(circle[:-1]) + ' and ' + circle[-1])}; {end}"
 
     def _awaited(self, robot: str) -> set[str]:
         """The robots that a robot waits for, through others too."""
@@ -87,7 +91,7 @@ class WaitChain:
         ahead = [robot]
         while ahead:
             for wait in self._waits(ahead.pop()):
-                senders = set(chain.from_iterable(_publishers(wait).values()))
+                senders = set(chain.from_iterable(senders_of(wait).values()))
                 new = (senders & self.states.keys()) - found
                 found |= new
                 ahead.extend(new)
@@ -120,17 +124,23 @@ class WaitChain:
         """A start event, as a token that waits there."""
         topics = [resolve(topic.qualified, robot) for topic, _ in event.topics()]
         publishers = {topic: self.publishers.get(topic, ()) for topic in topics}
-        text = " or ".join([*(f"topic {topic}" for topic in topics)] or [each.trigger for each in event.definitions])
+        texts = [sentence("topic", topic=topic) for topic in topics] or [each.trigger for each in event.definitions]
         kind = "topic" if topics else "start"
-        return {"element": event.id, "kind": kind, "text": text, "topics": topics, "publishers": publishers}
+        return {
+            "element": event.id,
+            "kind": kind,
+            "text": " or ".join(texts),
+            "topics": topics,
+            "publishers": publishers,
+        }
 
     def _idle(self, robot: str, topic: str) -> str:
         """What a robot does of which no token waits."""
         if self._runs(robot):
             return sentence("at_work")
         if self.states[robot].instances:
-            return f"has ended: its process publishes {topic} no more"
-        return "has not started its process"
+            return sentence("ended", topic=topic)
+        return sentence("not_started")
 
     def _bodies(self, robot: str) -> Iterator[Body]:
         for file in self.files.get(robot, ()):
@@ -141,7 +151,9 @@ class WaitChain:
         return any(status == "running" for _, status in self.states[robot].instances.values())
 
     def _label(self, robot: str, wait: Mapping[str, Any]) -> str:
-        return display_name(wait["element"], self._infos.get(robot, {}).get(wait["element"], UNKNOWN).name)
+        if robot not in self._infos:
+            self._infos[robot] = element_info(self.files.get(robot, ()))
+        return display_name(wait["element"], self._infos[robot].get(wait["element"], UNKNOWN).name)
 
 
 def ways_out(body: Body, inside: Set[str]) -> Iterator[str]:
@@ -154,8 +166,8 @@ def ways_out(body: Body, inside: Set[str]) -> Iterator[str]:
             yield f"{event.display_name}, a {' or '.join(each.trigger for each in event.definitions)} event"
 
 
-def _publishers(wait: Mapping[str, Any]) -> dict[str, list[str]]:
-    """The robots, or other nodes, that publish on each topic that a token waits for."""
+def senders_of(wait: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the robots, or other nodes, that publish on each topic that a token waits for."""
     found = wait.get("publishers", {})
     return {
         topic: list(dict.fromkeys(node.strip("/").removesuffix(f"/{ENGINE}") for node in found.get(topic, ())))
@@ -167,4 +179,4 @@ def _is_held_by(wait: Mapping[str, Any], circle: Sequence[str]) -> bool:
     """Whether only messages of these robots can move a token; one that joins others moves with them."""
     if wait.get("suspended") or wait.get("kind") not in ("topic", "join"):
         return False
-    return all(set(each) <= set(circle) for each in _publishers(wait).values())
+    return all(set(each) <= set(circle) for each in senders_of(wait).values())

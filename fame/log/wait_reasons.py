@@ -11,7 +11,7 @@ from fame.dataclasses import dataclass
 from fame.errors import DeploymentError, ModelError, display_name
 from fame.log.elements import UNKNOWN, element_info
 from fame.robot.robot_state import RobotState
-from fame.robot.wait_sentences import sentence
+from fame.robot.wait_sentences import sentence, value_text
 from fame.robot.waiting_tokens import silence_text
 from fame.text import printable, suggestion
 
@@ -39,13 +39,12 @@ class WaitReason:
         path = "".join(f" in {inner}" for inner in reversed(self.path))
         where = display_name(self.token["element"], self.label)
         yield printable(f"{robot} waits at {where}{path}, for {self.seconds:.1f} s, for {wait_text(self.token)}")
-        if self.token.get("suspended"):
-            yield printable(f"  it is suspended by {self.token.get('by', 'an event sub-process')}")
+        if text := suspension(self.token):
+            yield printable(f"  it is {text}")
         for condition in self.token.get("conditions", ()):
-            yield printable(f"  condition {condition['text']} is not true:")
+            yield printable(f"  {sentence('not_true', text=condition['text'])}")
             for name in condition["reads"]:
-                value = f"= {self.values[name]!r}" if name in self.values else "is not set"
-                yield printable(f"    {name} {value}")
+                yield printable(f"    {value_text(name, self.values, repr)}")
         for topic in self.token.get("topics", ()):
             nodes = self.token.get("publishers", {}).get(topic, ())
             by = sentence("published", nodes=", ".join(nodes)) if nodes else sentence("unpublished")
@@ -55,8 +54,8 @@ class WaitReason:
             yield printable(f"  {text}")
         missed = self.token.get("missed")
         if missed is not None:
-            ago = max(0.0, (self.now - missed["time"]) / SECOND)
-            yield printable(f"  its last message came {ago:.1f} s ago and {sentence('missed', why=missed['why'])}")
+            last = sentence("last", ago=f"{max(0.0, (self.now - missed['time']) / SECOND):.1f} s")
+            yield printable(f"  {last} and {sentence('missed', why=missed['why'])}")
         elif self.token.get("topics"):
             yield f"  {sentence('no_message')}"
 
@@ -77,6 +76,11 @@ def wait_text(token: Mapping[str, Any]) -> str:
         if kind in token:
             return sentence(kind, name=token[kind])
     return str(token.get("text") or token.get("kind", "something"))
+
+
+def suspension(token: Mapping[str, Any]) -> str:
+    """Return who suspends a token; empty if nobody does."""
+    return sentence("suspended", by=token.get("by") or sentence("event_subprocess")) if token.get("suspended") else ""
 
 
 def silences(token: Mapping[str, Any], now: int) -> list[str]:

@@ -18,6 +18,7 @@ from fame.engine.program import Body, Handler, Mark, Node
 from fame.engine.state import Instance, Scope, Trail, Wait, scopes_of
 from fame.robot.plain_values import content_of, encoded, is_changeable, plain
 from fame.robot.robot_state import EVENTS, VARIABLES, WAITING, RobotState, ScopeState
+from fame.robot.wait_sentences import sentence
 
 if TYPE_CHECKING:
     from fame.robot.events import Event
@@ -30,7 +31,7 @@ _MANY = 1000
 """Groups of marks that are kept while the tracker is not active."""
 _NO_SCRIPT = (0, None, None)
 """The state of a wait that is neither suspended nor for a script."""
-_JOIN = {"kind": "join", "text": "tokens on its other flows"}
+_JOIN = {"kind": "join", "text": sentence("join")}
 
 
 class ChangeTracker:

@@ -24,13 +24,12 @@ from fame.engine.state import Scope, Wait, joins_reached, scopes_of
 from fame.errors import display_name
 from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, resolve
 from fame.robot.mission import Mission
-from fame.robot.wait_sentences import sentence
+from fame.robot.wait_sentences import sentence, value_text
 from fame.scripting import Runner, effects_of
 from fame.scripting.requests import Act, Call
 
-A_PERSON = "a person to complete it"
+A_PERSON = sentence("complete")
 """The reason of user and manual tasks."""
-_REPAIR = "a person to repair it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +68,7 @@ class PublisherGap(NamedTuple):
 
     def text(self, now: int) -> str:
         """Return the gap in words, as seen at `now` (ns)."""
-        gone, ago = (self.back - self.left) / SECOND, (now - self.back) / SECOND
-        return f"{self.node} was gone for {gone:.3g} s until {ago:.3g} s ago: its messages of that time may be lost"
+        return sentence("was_gone", node=self.node, time=_seconds(self.back - self.left), ago=_seconds(now - self.back))
 
 
 class PublisherGaps:
@@ -147,12 +145,12 @@ class WaitingTokens:
     def last_miss(self, wait: Wait) -> tuple[int, str] | None:
         """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
         if (mismatch := self.mismatch(wait.key)) is not None:
-            return mismatch, "its correlation keys do not match"
+            return mismatch, sentence("mismatch")
         if not self.missed:
             return None
         topics = (node.catch.topic for node in (wait.node, *wait.catch.parts) if node.catch is not None)
         times = [self.missed[topic] for topic in topics if topic in self.missed]
-        return (max(times), "nothing waited for it then") if times else None
+        return (max(times), sentence("unawaited")) if times else None
 
     def since(self, wait: Wait, now: int) -> int:
         """When `list` saw a token first (ns), else `now`."""
@@ -188,7 +186,7 @@ class WaitingTokens:
             by = self._suspender(wait, now)
             found.append(WaitingToken(self._robot, wait.node.id, text, since, counts, self._place(wait), by))
         for scope, join, held in joins:
-            text = f"a token on {held.count(0) or 'more'} of its {join.spec.need} flows"
+            text = sentence("flows", open=held.count(0) or "more", all=join.spec.need)
             place = self._shown(join)
             found.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id], place=place))
         return found
@@ -209,17 +207,18 @@ class WaitingTokens:
             return ""
         handler, since = suspender(wait), ""
         if wait.due:
-            end = f"{self._label(handler)} has ended" if handler is not None else "the robot continues"
-            return f"{_came_due(wait)}; goes on when {end}"
+            handled = handler is not None
+            end = sentence("handler_ends", handler=self._label(handler)) if handled else sentence("continues")
+            return sentence("goes_on", why=_came_due(wait), end=end)
         begun = self._suspended.get(handler.key) if handler is not None else self.person[1] if self.person[0] else None
         if begun is not None:
-            since = f" since {(now - begun) / SECOND:.3g} s"
-        return f"suspended by {self._label(handler)}{since}"
+            since = f" since {_seconds(now - begun)}"
+        return sentence("suspended", by=self._label(handler)) + since
 
     def _label(self, handler: Scope | None) -> str:
         """The name of an event sub-process that suspends a token; without one a person, or the robot is on hold."""
         if handler is None or handler.node is None:
-            return self.person[0] or "a hold of the robot"
+            return self.person[0] or sentence("hold")
         name = self._elements.get((handler.node.file, handler.node.id))
         return f'"{name.name}"' if name is not None and name.name else handler.node.id
 
@@ -257,11 +256,11 @@ class WaitingTokens:
             start = engine.armed_starts[key]
             by_date = start.catch is not None and start.catch.timer == "date"
             moment = date_text(date_at(epoch, time)) if by_date else f"{time / SECOND:g} s"
-            yield WaitingToken(self._robot, start.id, f"its start, due at {moment}")
+            yield WaitingToken(self._robot, start.id, sentence("start_at", moment=moment))
         publishers = self._publishers() if by_message else {}
         for topic, nodes in engine.program.starts.items() if by_message else ():
             full = resolve(topic, self._node.namespace)
-            text, counts = f"its start on {_topic_text(full, publishers)}", {full: len(publishers.get(full, ()))}
+            text, counts = sentence("start", topic=_topic_text(full, publishers)), {full: len(publishers.get(full, ()))}
             for node in nodes:
                 yield WaitingToken(self._robot, node.id, text, topics=counts)
 
@@ -349,8 +348,8 @@ class WaitingTokens:
     def _missed_hint(self, topic: str) -> str:
         if topic not in self.missed:
             return ""
-        ago = (self._scheduler.now - self.missed[topic]) / SECOND
-        return f" (its last message came {ago:.3g} s ago, before anything waited for it)"
+        last = sentence("last", ago=_seconds(self._scheduler.now - self.missed[topic]))
+        return f" ({last}, {sentence('before')})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,11 +366,11 @@ class _Describer:
         """Return what a token waits for."""
         catch, variables = wait.catch, wait.scope.variables
         if wait.due:
-            return f"the end of its suspension: it {_came_due(wait)}"
+            return sentence("due", why=_came_due(wait))
         if catch.trigger is INCIDENT:
-            return _REPAIR
+            return sentence("repair")
         if catch.timer:
-            return f"{catch.timer} timer"
+            return sentence("timer", kind=catch.timer)
         if catch.trigger is USER:
             return A_PERSON
         if catch.parts:
@@ -379,7 +378,7 @@ class _Describer:
             return (", or " if any("," in part for part in parts) else " or ").join(parts)
         awaited = self.runner.awaited_topic(wait.key)
         if awaited is not None:
-            return f"receive on {_topic_text(resolve(awaited, self.namespace), self.publishers)}"
+            return sentence("receive", topic=_topic_text(resolve(awaited, self.namespace), self.publishers))
         return self.runner.waits(wait.key) or self._trigger(wait.node, catch, variables)
 
     def _trigger(self, node: ProgramNode, catch: Catch, variables: Mapping[str, Any]) -> str:
@@ -396,11 +395,8 @@ class _Describer:
         condition = self.conditions.get((node.file, node.id))
         if condition is None:
             return waiting.CONDITION.name
-        names = sorted(effects_of(condition).reads)
-        values = [
-            f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
-        ]
-        return f"condition {condition.text}" + (f" ({', '.join(values)})" if values else "")
+        values = [value_text(name, variables, reprlib.repr) for name in sorted(effects_of(condition).reads)]
+        return sentence("condition", text=condition.text) + (f" ({', '.join(values)})" if values else "")
 
 
 def _waits(engine: Engine) -> Iterator[Wait]:
@@ -413,7 +409,7 @@ def _joins(engine: Engine) -> Iterator[tuple[Scope, ProgramNode, Sequence[int]]]
 
 def silence_text(kind: str, since: int, now: int) -> str:
     """Return what `Runner.server_silence` says, in words, at `now` (ns)."""
-    return sentence(kind, time=f"{max(0, now - since) / SECOND:.3g} s")
+    return sentence(kind, time=_seconds(max(0, now - since)))
 
 
 def suspender(wait: Wait) -> Scope | None:
@@ -458,8 +454,12 @@ def _kind(wait: Wait) -> str:
 
 def _came_due(wait: Wait) -> str:
     """Why a suspended token goes on as soon as it is no longer suspended."""
-    return "has been completed" if wait.catch.trigger in (USER, waiting.MESSAGE) else "has come due"
+    return sentence("completed" if wait.catch.trigger in (USER, waiting.MESSAGE) else "came_due")
 
 
 def _topic_text(topic: str, publishers: Mapping[str, Collection[str]]) -> str:
-    return f"topic {topic}" + ("" if publishers.get(topic) else ", which no other node publishes")
+    return sentence("topic" if publishers.get(topic) else "nobody", topic=topic)
+
+
+def _seconds(time: float) -> str:
+    return f"{time / SECOND:.3g} s"

@@ -15,15 +15,17 @@ from operator import itemgetter
 from tempfile import TemporaryFile
 from typing import IO, Any, NamedTuple
 
+from fame.bpmn.model import Definitions
 from fame.closing import Closing
 from fame.fast_json import json_bytes, json_value
 from fame.log.channels import EVENTS, GROUND, KEY, PROPERTIES, VARIABLES, WAITING, WORLD
 from fame.log.recording import scene_values
+from fame.log.wait_chain import WaitChain, senders_of
 from fame.log.wait_reasons import wait_text
 from fame.robot.plain_values import plain
 from fame.robot.robot_state import RobotState
 from fame.view.catalogue import NOWHERE, Catalogue
-from fame.view.state import WHATS, RunState
+from fame.view.state import WHATS, RunState, WaitCircle
 
 SIZE = 3000
 """Events after which a block is full. Replaying one takes the page less than a millisecond."""
@@ -114,7 +116,7 @@ class Block:
         return BlockSize(self.events, {name: len(values) for name, values in self.lists.items()})
 
 
-LISTS = ("scopes", "variables", "waits", "messages", "poses", "world", "properties")
+LISTS = ("scopes", "variables", "waits", "circles", "messages", "poses", "world", "properties")
 """Changes besides events; the entries of all lists but scopes begin with their time."""
 
 
@@ -188,6 +190,10 @@ class Packer:
             if self.blocks:
                 self._begin_block(self.end)
 
+    def _models(self, robot: int) -> list[Definitions]:
+        """The models that a robot runs."""
+        return [self.catalogue.files[file] for file in self._files.get(robot, self._all) if file != NOWHERE]
+
     def _number(self, robot: int, file: int, id: str) -> int:
         """The number of an element, by the number that a robot has for its file.
 
@@ -211,7 +217,9 @@ class Packer:
     def _shown(self, robot: int, token: Mapping[str, Any]) -> dict[str, Any]:
         """A waiting token as the page has it: at an element (number), with words that need no other part of it."""
         file = self.state.robot(robot).file_of(token["scope"])
-        return {**token, "e": self._number(robot, file, token["element"]), "text": wait_text(token)}
+        shown = {**token, "e": self._number(robot, file, token["element"]), "text": wait_text(token)}
+        senders = {sender: topic for topic, found in senders_of(token).items() for sender in found}
+        return {**shown, "senders": senders} if senders else shown
 
     # ---- blocks ------------------------------------------------------------------------------------------------------
 
@@ -231,6 +239,7 @@ class Packer:
     def key_json(self) -> dict[str, Any]:
         """Return the state, fit for JSON."""
         key: dict[str, Any] = {"poses": [[*each] for each in self.state.poses.items()], "world": dict(self.state.world)}
+        key["circles"] = [[robot, circle.text] for robot, circle in self.state.circles.items()]
         rows: dict[str, list[Any]] = {
             name: key.setdefault(name, []) for name in ("tokens", "counts", "scopes", "variables", "waits", "ends")
         }
@@ -313,6 +322,26 @@ class Packer:
         shown = [self._shown(robot, token) for token in data["tokens"]]
         block.lists["waits"].append([time, robot, shown, [*data["gone"]]])
         self.state.robot(robot).apply(WAITING, data, time)
+        if robot in self.state.circles or any(token.get("senders") for token in shown):
+            for one in self._meet(robot):
+                circle = self.state.circles.get(one)
+                block.lists["circles"].append([time, one, circle.text if circle is not None else ""])
+
+    def _meet(self, robot: int) -> list[int]:
+        """See which robots wait for each other, as far as `robot` is one of them. Returns those that changed."""
+        names, known = self.robots, self.state.circles
+        states = {names[number]: state for number, state in self.state.robots.items()}
+        chain = WaitChain(states, {names[number]: self._models(number) for number in self.state.robots})
+        before, now = known.get(robot), chain.circle(names[robot])
+        changed = []
+        for one in dict.fromkeys([*(before.robots if before is not None else ()), *now]):
+            number, found = self.robot(one), chain.circle(one)
+            circle = WaitCircle(found, chain.circle_text(found)) if found else None
+            if circle != known.pop(number, None):
+                changed.append(number)
+            if circle is not None:
+                known[number] = circle
+        return changed
 
     def key(self, time: int, data: Mapping[str, Any]) -> None:
         """Set the state of robots as in ``/fame/key``: the first time of all, then of those that the changes left out.
@@ -325,6 +354,8 @@ class Packer:
         self.begun = True
         for name in changed:
             self.state.robots[self.robot(name)] = RobotState.from_key(data["robots"][name], time)
+        for name in changed:
+            self._meet(self.robot(name))
         self._begin_block(time)
         self.blocks[-1].lists["properties"] += [[time, each] for each in self._declared]
         self._declared.clear()

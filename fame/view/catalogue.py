@@ -27,7 +27,6 @@ from fame.bpmn.model import (
 from fame.clock import SECOND
 from fame.errors import ModelError
 from fame.iso8601 import parse_duration
-from fame.log.wait_chain import ways_out
 from fame.view.forms import task_fields, topic_fields
 
 NOWHERE = -1
@@ -195,7 +194,6 @@ class Catalogue:
             values["form"] = task_fields(element, inside, self.files[file])
             if isinstance(element, Task):
                 values["users"], values["groups"] = list(element.human.users), list(element.human.groups)
-            values["exits"] = [*ways_out(inside, {element.id})] if inside is not None else []
             if due := _due(element, inside):
                 values["due"] = due
         if called != NOWHERE or (isinstance(element, FlowNode) and element.body is not None):

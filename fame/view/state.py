@@ -6,8 +6,8 @@ tests/page/state_cases.json.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from fame.dataclasses import dataclass, field
 from fame.robot.robot_state import RobotState
@@ -17,16 +17,25 @@ WHATS: tuple[str, ...] = ("start", "enter", "leave", "take", "cancel", "fail", "
 START, ENTER, LEAVE, TAKE, CANCEL, FAIL, END = range(7)
 
 
+class WaitCircle(NamedTuple):
+    """Robots (names) that wait for each other: that, and what can end it, in words."""
+
+    robots: Sequence[str]
+    text: str
+
+
 @dataclass(slots=True)
 class RunState:
     """The state of a run at an instant.
 
-    robots  number of a robot -> its state
-    poses   number of a robot -> its last pose
-    world   name -> what changed
+    robots   number of a robot -> its state
+    circles  number of a robot -> the robots that wait for each other, it among them
+    poses    number of a robot -> its last pose
+    world    name -> what changed
     """
 
     robots: dict[int, RobotState] = field(default_factory=dict)
+    circles: dict[int, WaitCircle] = field(default_factory=dict)
     poses: dict[int, Mapping[str, Any]] = field(default_factory=dict)
     world: dict[str, Any] = field(default_factory=dict)
 

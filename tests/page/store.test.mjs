@@ -7,8 +7,9 @@ import { test } from "node:test";
 import * as store from "../../fame/view/page/store.js";
 
 const { Store, after, spansOf, CANCEL, FAIL, LEAVE } = store;
-const LISTS = ["scopes", "variables", "waits", "messages", "poses", "world", "properties"];
-const EMPTY = { tokens: [], counts: [], scopes: [], variables: [], waits: [], ends: [], poses: [], world: {} };
+const LISTS = ["scopes", "variables", "waits", "circles", "messages", "poses", "world", "properties"];
+const NOTHING = Object.fromEntries([...LISTS.slice(0, 6), "tokens", "counts", "ends"].map((name) => [name, []]));
+const EMPTY = { ...NOTHING, world: {} };
 const { kinds, cases } = JSON.parse(readFileSync(new URL("state_cases.json", import.meta.url), "utf-8"));
 
 /** A block as the server sends it: events are [time, robot, instance, scope, element, kind, detail]. */
@@ -235,4 +236,16 @@ test("bars of what a key tells begin before the block; the end of their instance
     [1, 3, 9, CANCEL],
     [2, 4, Infinity, -1],
   ]);
+});
+
+test("robots wait for each other from one change of a circle to the next", () => {
+  const circles = [
+    [4, 0, "A and B wait for each other"],
+    [6, 1, ""],
+  ];
+  const made = storeOf(blockOf([], { key: { circles: [[1, "B and C wait for each other"]] }, circles, end: 9 }));
+  const at = (time) => [0, 1].map((r) => made.stateAt(time).circles.get(r) ?? "");
+  assert.deepEqual(at(3), ["", "B and C wait for each other"]);
+  assert.deepEqual(at(5), ["A and B wait for each other", "B and C wait for each other"]);
+  assert.deepEqual(at(7), ["A and B wait for each other", ""]);
 });

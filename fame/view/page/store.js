@@ -63,7 +63,7 @@ export const LOGGED = new Map([
 /** @type {(keyof Columns)[]} */
 const COLUMNS = ["t", "r", "i", "s", "e", "w"];
 /** @type {(keyof Changes)[]} */
-const LISTS = ["variables", "waits", "messages", "poses", "world", "properties"];
+const LISTS = ["variables", "waits", "circles", "messages", "poses", "world", "properties"];
 const ROOM = 32e6; // characters of JSON in loaded blocks, with which a page has some 230 MB
 const LEAST = 6; // blocks that stay even if they do not fit: at the cursor, beside it, and what is searched
 
@@ -133,6 +133,7 @@ export class State {
     this.variables = new Map();
     /** @type {Map<number, Map<string, Wait>>} */
     this.waits = new Map(key.waits.map(([r, tokens]) => [r, new Map(tokens.map((token) => [token.key, token]))]));
+    this.circles = new Map(key.circles); // robot -> that others wait for it as it waits for them, in words
     // robot -> [ended, failed, how and when the last one ended]
     /** @type {Map<number, [ended: number, failed: number, how: string, time: number]>} */
     this.ends = new Map((key.ends ?? []).map(([r, ...ends]) => [r, ends]));
@@ -170,6 +171,7 @@ export class State {
     this.position = at;
     this.list("variables", time, (row) => this.variable(row));
     this.list("waits", time, (row) => this.wait(row));
+    this.list("circles", time, ([, robot, text]) => this.circles.set(robot, text));
     this.list("poses", time, ([, robot, pose]) => this.poses.set(robot, pose));
     this.list("world", time, ([, name, value]) => this.world.set(name, value));
     this.time = time;
@@ -617,7 +619,7 @@ function byTopic(block) {
  * @returns {LoadedBlock}
  */
 function prepared(data) {
-  const { number, start, end, key, variables, waits, messages, poses, world, properties } = data;
+  const { number, start, end, key, variables, waits, circles, messages, poses, world, properties } = data;
   const { t, r, i, s, e, w } = data;
   if (key === undefined) throw new Error(`block ${number} has no state at its start`);
   const block = {
@@ -630,7 +632,7 @@ function prepared(data) {
     scopeIndex: new Map(key.scopes.map(scopeFrom)),
     held: new Set(key.tokens.map(([robot, instance, scope, element]) => tokenKey(robot, instance, scope, element))),
     columns: { t, r, i, s, e, w }, // not copied: `extend` adds nothing that is there
-    ...{ variables, waits, messages, poses, world, properties },
+    ...{ variables, waits, circles, messages, poses, world, properties },
     size: 0,
   };
   extend(block, data);

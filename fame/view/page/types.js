@@ -120,6 +120,7 @@
  * @property {string} text what it waits for, in words
  * @property {string[]} [topics]
  * @property {Object<string, string[]>} [publishers] by topic
+ * @property {Object<string, string>} [senders] robots, or other nodes, and a topic that each publishes
  * @property {{text: string, reads?: string[]}[]} [conditions]
  * @property {number} [gone] since when its server is gone
  * @property {number} [silent] since when its server has said nothing
@@ -135,6 +136,7 @@
  * @typedef {[r: number, s: number, i: number, parent: number, openers: number[], depth: number]} ScopeRow
  * @typedef {[time: number, r: number, s: number, values: Object<string, any> | null, gone: string[]]} VariablesRow
  * @typedef {[time: number, r: number, tokens: Wait[], gone: string[]]} WaitsRow
+ * @typedef {[time: number, r: number, text: string]} CircleRow
  * @typedef {[time: number, topic: string, sender: string, content: any]} MessageRow
  * @typedef {[time: number, r: number, pose: any]} PoseRow
  * @typedef {[time: number, name: string, value: any]} WorldRow
@@ -150,6 +152,7 @@
  * @property {ScopeRow[]} scopes
  * @property {[r: number, s: number, values: Object<string, [value: any, since: number]>][]} variables
  * @property {[r: number, tokens: Wait[]][]} waits
+ * @property {[r: number, text: string][]} circles
  * @property {[r: number, ended: number, failed: number, how: string, time: number][]} [ends]
  * @property {[r: number, pose: any][]} poses
  * @property {Object<string, any>} world
@@ -161,6 +164,7 @@
  * @typedef {object} Changes
  * @property {VariablesRow[]} variables
  * @property {WaitsRow[]} waits
+ * @property {CircleRow[]} circles robots that wait for each other from then on, and what can end that; or no more
  * @property {MessageRow[]} messages
  * @property {PoseRow[]} poses
  * @property {WorldRow[]} world

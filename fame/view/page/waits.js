@@ -2,47 +2,11 @@
 // are those of `fame status --why`: the server sends its sentences.
 
 /**
- * @import {App} from "./main.js"
  * @import {Inspector} from "./inspector.js"
  * @import {State} from "./store.js"
  * @import {Wait} from "./types.js"
  */
 import { duration, h } from "./dom.js";
-import { nameOf } from "./roster.js";
-
-const LIST = new Intl.ListFormat("en-GB");
-
-/**
- * The robots, or other nodes, that publish on the topics that a token waits for.
- *
- * @param {Wait} wait
- */
-const sendersOf = ({ topics = [], publishers = {} }) =>
-  topics
-    .flatMap((topic) => publishers[topic] ?? [])
-    .map((node) => node.replace(/^\//, "").replace(/\/fame_engine$/, ""));
-
-/**
- * What may move a robot of a circle although none of the others does.
- *
- * @param {App} app @param {State} state
- * @param {number[]} circle robots that wait for each other
- */
-export function waysOut({ mission }, state, circle) {
-  const { robots, elements } = mission;
-  const names = circle.map((r) => robots[r].name);
-  /** @param {Wait} wait */
-  const isHeld = (wait) =>
-    !wait.suspended && /^(topic|join)$/.test(wait.kind) && sendersOf(wait).every((node) => names.includes(node));
-  const ways = circle.flatMap((r) =>
-    [...(state.waits.get(r)?.values() ?? [])].flatMap((wait) => {
-      const events = [...state.openers(r, wait.scope), wait.e].flatMap((e) => elements[e]?.exits ?? []);
-      const own = isHeld(wait) ? [] : [`${nameOf({ mission }, wait.e)}, for ${wait.text}`];
-      return [...own, ...events].map((way) => `${robots[r].name}, ${way}`);
-    }),
-  );
-  return [...new Set(ways)];
-}
 
 export class Waits {
   /** @param {Inspector} inspector */
@@ -87,7 +51,7 @@ export class Waits {
       this.troubles(wait, time).map((text) => h("div", { cls: "why" }, text)),
       topics,
       this.lastMessages(wait, time),
-      this.senders(state, wait, time, [r], new Set([r])),
+      this.chain(state, r, wait, time),
       (wait.conditions ?? []).map((condition) => this.condition(state, r, wait, condition)),
       this.app.acts.buttons(r, wait),
     );
@@ -129,52 +93,41 @@ export class Waits {
     return h("div", { cls: "why" }, h("code", null, topic), ` ${by}`);
   }
 
-  /**
-   * What the robots do that publish what a token waits for, to the end: `path` are those that wait here, `told` all
-   * that were told.
-   */
-  senders(state, wait, time, path, told) {
+  /** What the robots do that publish what a token of `r` waits for, to the end. */
+  chain(state, r, wait, time) {
+    const rows = this.senders(state, wait, time, new Set([r]));
+    const circle = wait.senders ? state.circles.get(r) : "";
+    const last = circle ? h("li", null, h("b", null, circle)) : null;
+    return rows.length || last ? h("ul", { cls: "chain" }, rows, last) : null;
+  }
+
+  /** A row for each robot that publishes what a token waits for; `told` are those that have one. */
+  senders(state, { senders = {} }, time, told) {
     const { robots } = this.app.mission;
-    const found = [...new Set(sendersOf(wait).map((node) => robots.findIndex(({ name }) => node === name)))].filter(
-      (r) => r >= 0,
-    );
-    const circles = found
-      .filter((r) => path.includes(r))
-      .map((r) => path.slice(path.indexOf(r)))
-      .map((circle) =>
-        h(
-          "li",
-          null,
-          h("b", null, this.sentence("circle", { robots: LIST.format(circle.map((one) => robots[one].name)) })),
-          `; ${this.endOf(state, circle)}`,
-        ),
-      );
-    const rows = found.filter((r) => !told.has(r)).flatMap((r) => this.sender(state, r, time, path, told.add(r)));
-    return circles.length + rows.length ? h("ul", { cls: "chain" }, rows, circles) : null;
+    return Object.entries(senders)
+      .map(([name, topic]) => [robots.findIndex((robot) => robot.name === name), topic])
+      .flatMap(([r, topic]) => (r < 0 || told.has(r) ? [] : this.sender(state, r, topic, time, told.add(r))));
   }
 
-  endOf(state, circle) {
-    const ways = waysOut(this.app, state, circle);
-    return ways.length ? this.sentence("ways_out", { ways: ways.join("; ") }) : this.sentence("no_way_out");
-  }
-
-  sender(state, r, time, path, told) {
+  sender(state, r, topic, time, told) {
     const waits = [...(state.waits.get(r)?.values() ?? [])];
-    const ended = this.inspector.status(state, r);
-    if (!waits.length)
-      return [h("li", null, this.inspector.robot(r), ended ? ` has ended: ${ended}` : ` ${this.sentence("at_work")}`)];
-    return waits.map((wait) =>
-      h(
+    const idle = this.inspector.status(state, r) ? this.sentence("ended", { topic }) : this.sentence("at_work");
+    if (!waits.length) return [h("li", null, this.inspector.robot(r), ` ${idle}`)];
+    return waits.map((wait) => {
+      const rows = this.senders(state, wait, time, told);
+      return h(
         "li",
         null,
         this.inspector.robot(r),
         " waits at ",
         wait.e >= 0 ? this.inspector.element(wait.e, state.openers(r, wait.scope)) : wait.element,
         `, ${duration(Math.max(0, time - wait.since))}, `,
-        wait.suspended ? `suspended by ${wait.by}` : [`for ${wait.text}`, ...this.troubles(wait, time)].join("; "),
-        this.senders(state, wait, time, [...path, r], told),
-      ),
-    );
+        wait.suspended
+          ? this.sentence("suspended", { by: wait.by })
+          : [`for ${wait.text}`, ...this.troubles(wait, time)].join("; "),
+        rows.length ? h("ul", { cls: "chain" }, rows) : null,
+      );
+    });
   }
 
   /** When the last message came that a token might have received, and why it did not count. */
@@ -198,7 +151,7 @@ export class Waits {
         this.inspector.instant(at),
         wait.topics.length > 1 ? ` on ${topic}` : "",
         sender ? ` from ${sender}` : "",
-        at < wait.since ? ", before this token waited: it does not count" : "",
+        at < wait.since ? this.sentence("early") : "",
       ),
     );
   }
