@@ -244,3 +244,14 @@ def test_one_of_somebody_else_is_said_in_the_answer(mismatched: Field) -> None:
     sent.begin()
     mismatched.pass_time(1.5)
     assert str(sent.robots["A"]) == f"A: started: {APART}"
+
+
+def test_what_the_middleware_says_of_others_refuses_nothing(mismatched: Field) -> None:
+    for said in (("/go: /C/fame_engine receives nothing", "mismatch"), ("/A/fame_engine has lost a message", "lost")):
+        mismatched.middleware.warnings.append(EndpointWarning("/go", *said))
+    mismatched.middleware.warn = lambda warning: None  # what the field would say soon
+    sent = mismatched.prepare(TEAM)
+    sent.begin()
+    mismatched.pass_time(8)
+    assert "receives" not in str(sent.robots["A"])
+    assert "lost" not in str(sent.robots["A"])

@@ -195,3 +195,9 @@ def test_until_the_restored_state_is_written_as_a_whole_the_old_one_stays(
     content = start() + user("u") + back + path("s u")
     assert resumed(content, tmp_path).visits()["k"] == 1
     assert written == ["begin_segment", "append", "begin_segment"]
+
+
+def test_an_element_that_completed_often_is_counted_after_the_end_too(tmp_path: Path) -> None:
+    loop = start() + script("zero", "n = 0") + script("a", "n += 1") + gateway("exclusive", "x", default="x_e") + end()
+    content = loop + path("s zero a x e") + flow("x", "a", "n < 300")
+    assert resumed(content, tmp_path).visits()["a"] == 300

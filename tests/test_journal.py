@@ -152,7 +152,7 @@ def test_lines_of_another_journal_are_not_taken_for_its_own(directory: StateDire
 def test_a_directory_serves_one_engine_at_a_time(directory: StateDirectory) -> None:
     text = f"from fame.robot.journal import StateDirectory; StateDirectory({str(directory.path)!r})"
     found = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
-    assert f"is in use by another engine (process {os.getpid()})" in found.stderr
+    assert f"{directory.path}: is in use by another engine (process {os.getpid()})" in found.stderr
 
 
 def test_of_a_directory_that_was_replaced_no_lock_stays_open(directory: StateDirectory) -> None:

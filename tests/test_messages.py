@@ -17,7 +17,7 @@ from hypothesis import given, strategies as st
 
 from fame.errors import MessageError, ValueChanged
 from fame.middleware import codec, typesystem
-from fame.middleware.definitions import from_text
+from fame.middleware.definitions import check_size, from_text
 from fame.middleware.messages import (
     bare,
     create,
@@ -507,6 +507,15 @@ def test_a_directory_of_definitions_is_registered_as_a_whole(tmp_path: Path) -> 
     assert register_files(package) == expected
     assert create("farm_msgs/srv/Mow_Request", {"field": {"rows": [{"length": 5}]}}).field.rows[0].length == 5.0
     assert register_files(package / "msg" / "Row.msg", package="yard_msgs") == ["yard_msgs/msg/Row"]
+
+
+def test_the_size_of_a_type_counts_levels_fields_and_bytes() -> None:
+    texts = {"t/msg/Inner": "float64 a\nstring b", "t/msg/Outer": "Inner[3] inner\nint8 c"}
+    found = {each.name: each for name, text in texts.items() for each in from_text(text, name)}
+    known = check_size("t/msg/Outer", found.get, {})
+    assert known == {"t/msg/Inner": (1, 2, 272), "t/msg/Outer": (2, 3, 200 + 3 * 272 + 1)}
+    with pytest.raises(MessageError, match="t/msg/None: its definition is not known"):
+        check_size("t/msg/None", found.get, {})
 
 
 def test_a_place_without_definitions_is_refused(tmp_path: Path) -> None:

@@ -117,6 +117,13 @@ def test_boundary_events_and_event_sub_processes_are_closed_and_opened() -> None
     assert set(new.node.engine.listeners) == {"/B", "/C"}
 
 
+def test_an_activity_that_repeats_now_is_of_another_kind() -> None:
+    inner = start("t") + user("a") + path("t a")
+    loop = "<multiInstanceLoopCharacteristics><loopCardinality>2</loopCardinality></multiInstanceLoopCharacteristics>"
+    with pytest.raises(MissionError, match="p: p is a repeated embedded sub-process, not a embedded sub-process"):
+        Migrated(Run(start() + sub("p", inner) + path("s p")).run(), start() + sub("p", loop, inner) + path("s p"))
+
+
 def test_a_sub_process_gets_the_boundary_events_that_are_new() -> None:
     content = start() + sub("p", start("t"), user("a"), path("t a")) + path("s p")
     new = Migrated(Run(content).run(), content + boundary("y", "p", signal("B")) + user("b") + path("y b"))

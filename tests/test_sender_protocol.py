@@ -142,6 +142,11 @@ def test_a_migration_starts_when_it_is_approved_and_not_later_than_robots_may_be
     assert after(*events, state=replace(NEW, migrates=True))[1] == actions
 
 
+def test_without_a_migration_nobody_is_held_and_robots_may_take_their_time():
+    late = (*LOAD, answered("A", "ready"), *(TimerFired(number * SECOND) for number in range(1, 9)))
+    assert after(*late, answered("B", "ready", 9 * SECOND))[0].phase == "start"
+
+
 def test_a_preview_ends_when_all_robots_have_answered_and_nothing_is_aborted():
     preview = replace(NEW, migrates=True, preview=True)
     state, actions = after(*LOAD, answered("A", "refused"), state=preview)

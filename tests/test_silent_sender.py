@@ -146,9 +146,11 @@ def ready_without_a_sender(monkeypatch, *told: str) -> Parted:
 
 
 def test_a_robot_that_hears_nobody_holds_says_so_and_does_not_decide_alone(monkeypatch):
-    field = ready_without_a_sender(monkeypatch, "A")
+    field, notes = ready_without_a_sender(monkeypatch, "A"), []
+    field.engines["B"]._on_report = lambda event: notes.append(event.detail)
     field.pass_time(600)
     assert [field.engines[name].state for name in "AB"] == ["running", "holding"]
+    assert [note.partition(":")[0] for note in notes] == ["holds deployment d1"]
     assert field.engines["B"].deployed == ""
     field.islands = ()
     field.pass_time(2)

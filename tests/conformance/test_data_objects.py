@@ -22,6 +22,9 @@ from engine_models import (
     throw,
 )
 
+from fame.engine.data import match
+from fame.middleware import messages
+
 READS = "<dataInputAssociation id='i{0}'><sourceRef>{1}</sourceRef></dataInputAssociation>"
 WRITES = "<dataOutputAssociation id='o{0}'><targetRef>{1}</targetRef></dataOutputAssociation>"
 
@@ -101,3 +104,8 @@ def test_with_strict_it_is_an_error_of_the_activity(play: Play) -> None:
     content = start() + script("a", "n = 1", OUTPUT) + boundary("b", "a", error()) + path("s a")
     assert play(content, strict=True).run().log == "s a a!script b =completed"
     assert play(content.replace("n = 1", "y = 1"), strict=True).run().log == "s a =completed"
+
+
+def test_the_value_of_a_wrapper_goes_to_one_variable() -> None:
+    value = messages.create("std_msgs/msg/Int32", {"data": 3})
+    assert match(("data", "data_raw"), "count", value) == {"data": ("data",)}

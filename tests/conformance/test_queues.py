@@ -151,6 +151,12 @@ def test_what_an_event_keeps_when_its_token_has_passed_is_for_the_next_that_wait
     assert run.waiting == ["u"]  # d has taken it
 
 
+def test_so_does_what_an_activity_keeps_that_repeats(play: Play) -> None:
+    run = play(repeated("true") + told("d") + path("r d")).run()
+    run.message("M", 1).message("M", 2).message("M", 3).complete("u")
+    assert (run.status, run.variables["found"], run.variables["M"]) == ("completed", [1, 2], 3)
+
+
 def test_it_also_goes_to_a_token_that_waits_already(play: Play) -> None:
     fork = start() + gateway("parallel", "f") + path("s f u c") + path("f v d")
     run = play(fork + user("u") + told("c", 2) + user("v") + told("d")).run().message("M", 1).message("M", 2)
