@@ -232,6 +232,7 @@ STAGES: dict[str, Stage] = {
     "wheel": Stage(lambda: [".ci/wheel"]),
     "pages": Stage(pages),
     "kept": Stage(lambda: [".venv/bin/python", "benchmarks/kept.py"], no_release),
+    "long-view": Stage(lambda: [".venv/bin/python", "benchmarks/view.py", "--events", "100000"], no_browser),
     "python-3.12": other_python("3.12"),
     "python-3.13": other_python("3.13"),
     "python-3.14": other_python("3.14"),
@@ -263,7 +264,7 @@ ROTATING = (
     "fastdds",
     "ros",
 )
-NIGHTLY = (*ROTATING, "kept")
+NIGHTLY = (*ROTATING, "kept", "long-view")
 CHANGED = (
     ("ros", ("fame/middleware/ros/*", "launch/*", "package.xml", "CMakeLists.txt")),
     ("fastdds", ("fame/middleware/dds/*",)),

@@ -15,7 +15,6 @@ import os
 import shutil
 import tempfile
 import time
-from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from playwright.sync_api import sync_playwright
 
 from fame.bpmn.reader import read
 from fame.log.recording_file import RecordingFile
+from fame.robot.robot_state import EVENTS, VARIABLES, RobotState
 from fame.view import Replay, Server
 
 MODEL = Path(__file__).parent.parent / "models" / "agriculture.bpmn"
@@ -78,47 +78,33 @@ def record(path: Path, robots: int, events: int) -> None:
         file.describe({"seed": "0"})
         file.attach("models/agriculture.bpmn", "application/bpmn+xml", definitions.source)
         names = [f"Tractor_{number + 1}" for number in range(robots)]
+        states = {name: RobotState() for name in names}
+
+        def put(topic: str, at: int, name: str, data: dict[str, Any]) -> None:
+            states[name].apply(topic, data, at)
+            file.put(topic, at, {"robot": name, **data})
+
         for name in names:
             start = {"instance": 1, "scope": 1, "marks": [[process.id, "start"]]}
-            file.put("/fame/events", 0, {"robot": name, "events": [start]})
-        counts: list[Counter[str]] = [Counter() for _ in names]
+            put(EVENTS, 0, name, {"opens": [{"scope": 1, "instance": 1}], "events": [start]})
         for visit in range(events // PER_VISIT):
             if visit % (robots * SECOND // STEP) == 0:
-                file.put("/fame/key", visit // robots * STEP, key_of(names, process.id, counts))
-            counts[visit % robots][nodes[visit // robots % len(nodes)]] += 1
-            robot, at = visit % robots, visit // robots * STEP + visit % robots * 1000 + 1
+                keys = {name: state.to_key() for name, state in states.items()}
+                file.put("/fame/key", visit // robots * STEP, {"robots": keys})
+            name, at = names[visit % robots], visit // robots * STEP + visit % robots * 1000 + 1
             now, following = nodes[visit // robots % len(nodes)], nodes[(visit // robots + 1) % len(nodes)]
-            begun = [[now, "enter"]] if visit < robots else []
             marks = [
-                *begun,
+                *([[now, "enter"]] if visit < robots else []),
                 [now, "leave"],
                 [flow, "take"],
                 [following, "enter"],
                 ["", "log", "on the way"],
                 [flow, "take"],
             ]
-            group = {"instance": 1, "scope": 1, "marks": marks}
-            file.put("/fame/events", at, {"robot": names[robot], "events": [group]})
-            change = {"instance": 1, "scope": 1, "path": [], "set": {"x": visit % 97, "y": visit % 89 / 7}}
+            put(EVENTS, at, name, {"events": [{"instance": 1, "scope": 1, "marks": marks}]})
             if visit % 4 == 0:
-                file.put("/fame/variables", at, {"robot": names[robot], "changes": [change]})
+                put(VARIABLES, at, name, {"changes": [{"scope": 1, "set": {"x": visit % 97, "y": visit % 89 / 7}}]})
         file.finish()
-
-
-def key_of(names: list[str], process: str, counts: list[Counter[str]]) -> dict[str, Any]:
-    """The state of all robots, as recordings have it once a second."""
-    instances = [{"instance": 1, "process": process, "status": "running"}]
-    robots = {
-        name: {
-            "process": process,
-            "instances": instances,
-            "tokens": [],
-            "variables": [],
-            "counts": {id: {"enter": times, "leave": times} for id, times in own.items()},
-        }
-        for name, own in zip(names, counts, strict=True)
-    }
-    return {"robots": robots}
 
 
 def main() -> None:
@@ -144,9 +130,9 @@ def main() -> None:
         print(f"opens in {time.monotonic() - begun:.2f} s (command to first state)")
         print("jumps into what is not read yet, ms:", page.evaluate(JUMPS, AHEAD))
         begun = time.monotonic()
-        wait(page, "fame.mission.reading >= 1 && fame.store.blocks.every((one) => one.data)")
+        wait(page, "fame.mission.reading >= 1 && (fame.store.full || fame.store.blocks.every((one) => one.data))")
         blocks = page.evaluate("fame.store.blocks.length")
-        print(f"everything loaded after {time.monotonic() - begun:.1f} s: {blocks} blocks")
+        print(f"all that has room loaded after {time.monotonic() - begun:.1f} s: {blocks} blocks")
         print("jumps, ms:", page.evaluate(JUMPS, LOADED))
         scrub = page.evaluate(SCRUB)
         print("scrubbing, ms a frame:", scrub, f"-> {1000 / scrub['slow']:.0f} frames/s or more in 95 %")
@@ -154,8 +140,11 @@ def main() -> None:
 
 
 def wait(page: Any, condition: str) -> None:
-    """Wait until an expression is true on the page."""
+    """Wait until an expression is true on the page. Raises TimeoutError after two minutes."""
+    end = time.monotonic() + 120
     while not page.evaluate(condition):
+        if time.monotonic() > end:
+            raise TimeoutError(condition)
         time.sleep(0.01)
 
 
