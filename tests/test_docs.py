@@ -66,6 +66,12 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert not anchor or anchor in anchors(path), f"{target}#{anchor}"
 
 
+@each_page
+def test_no_table_is_cut_in_two_by_an_empty_line(page: Path) -> None:
+    rows = re.findall(r"^\|.*\n\n(\|.*)\n(?!\| ?-)", prose(page), re.MULTILINE)
+    assert rows == []
+
+
 def test_pages_that_code_names_exist() -> None:
     for path in (path for folder in ("fame", "robots", "sim2d") for path in ROOT.glob(f"{folder}/**/*.py")):
         for name, anchor in re.findall(r"(docs/\w+\.md)(?:#([\w-]+))?", path.read_text(encoding="utf-8")):
