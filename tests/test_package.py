@@ -61,7 +61,7 @@ def test_every_extra_that_is_named_anywhere_exists() -> None:
 def test_readme_and_doctor_say_of_each_extra_what_it_is_for(monkeypatch: pytest.MonkeyPatch) -> None:
     table = re.findall(r"^\| `(\w+)` \| (.*) \|$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
     assert {extra: text.replace("`", "") for extra, text in table} == imports.PURPOSES
-    assert EXTRAS.keys() - imports.PURPOSES.keys() == {"all", "bench", "dev", "docs"}
+    assert EXTRAS.keys() - imports.PURPOSES.keys() == {"all", "bench", "dev", "docs", "mutants"}
     monkeypatch.setattr(installation, "version", {"joblib": "1", "scipy": "2"}.get)
     found = {one.check: one for one in installation.extras()}
     assert found.keys() == imports.PURPOSES.keys()
