@@ -1,4 +1,9 @@
-"""A simulation of one process for Python code: an engine, local topics and simulated time."""
+"""A simulation of one process for Python code: an engine, local topics and simulated time.
+
+It is no `fame.scenario.run.Run` of one robot: a run has a plan, a cast and an end, and belongs to a layer above. What
+both have in common is one call, of `RobotNode`; a mission by hand (`fame.testing.by_hand`) is such a run. A
+compiled program is kept here for further simulations of its model, of which a test may make many.
+"""
 
 from __future__ import annotations
 

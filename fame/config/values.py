@@ -2,6 +2,9 @@
 
 The data stay plain (`dict`, `list`, `float`, `str`); the line of each key path is kept beside them in a `Source`. Every
 error reads ``FILE:LINE: KEY.PATH: expected Y, got X``.
+
+Two other sets of checks are not these: messages of strangers (`fame.deploy.fields`) are refused, not explained; the
+`Parameter` of a processor is set while it runs, by ROS and commands too, and so has neither file nor line.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 A field is declared with its check, as ``Annotated[str, text(64)]``. What comes from the network is accepted only if
 every field of it passes.
+
+These checks are not those of `fame.config.values`, which are for people: they convert, and say line and value. What a
+stranger sends is taken as it is or refused by the name of its field, and its size is bounded.
 """
 
 from __future__ import annotations

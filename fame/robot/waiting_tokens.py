@@ -181,7 +181,7 @@ class WaitingTokens:
             since = self._seen[wait.key]
             gap = self._gaps.since(since, topics)
             hint = gap.text(now) if gap is not None else self._server(wait)
-            text = describe.wait(wait) + (f" ({hint})" if hint else "")
+            text = describe.wait(wait)[1] + (f" ({hint})" if hint else "")
             counts = {topic: len(publishers.get(topic, ())) for topic in topics}
             by = self._suspender(wait, now)
             found.append(WaitingToken(self._robot, wait.node.id, text, since, counts, self._place(wait), by))
@@ -267,8 +267,9 @@ class WaitingTokens:
     def details(self, wait: Wait) -> dict[str, Any]:
         """Return what a token waits for: its kind, in words, and the topics and condition that would move it."""
         catch = wait.catch
-        describe = _Describer(self._node.namespace, self._runner, self._conditions, lambda topic: "", _ANY_TOPIC)
-        found: dict[str, Any] = {"kind": _kind(wait), "text": describe.wait(wait)}
+        describe = _Describer(self._node.namespace, self._runner, self._conditions, lambda topic: "", None)
+        kind, text = describe.wait(wait)
+        found: dict[str, Any] = {"kind": kind, "text": text}
         topics = self._awaited(wait)
         if topics:
             found["topics"] = list(topics)
@@ -360,26 +361,28 @@ class _Describer:
     runner: Runner
     conditions: Mapping[tuple[str, str], model.Expression]
     missed_hint: Callable[[str], str]
-    publishers: Mapping[str, Collection[str]]
+    publishers: Mapping[str, Collection[str]] | None
+    """By topic; None: whether somebody publishes is said elsewhere."""
 
-    def wait(self, wait: Wait) -> str:
-        """Return what a token waits for."""
+    def wait(self, wait: Wait) -> tuple[str, str]:
+        """Return what moves a token, as docs/recording_format.md has it (``topic``, ``timer`` ...), and in words."""
         catch, variables = wait.catch, wait.scope.variables
         if wait.due:
-            return sentence("due", why=_came_due(wait))
+            return "due", sentence("due", why=_came_due(wait))
         if catch.trigger is INCIDENT:
-            return sentence("repair")
+            return "incident", sentence("repair")
         if catch.timer:
-            return sentence("timer", kind=catch.timer)
+            return "timer", sentence("timer", kind=catch.timer)
         if catch.trigger is USER:
-            return A_PERSON
+            return "user", A_PERSON
         if catch.parts:
             parts = [self._trigger(item, item.catch or catch, variables) for item in catch.parts]
-            return (", or " if any("," in part for part in parts) else " or ").join(parts)
+            return "alternatives", (", or " if any("," in part for part in parts) else " or ").join(parts)
+        kind = "topic" if catch.topic else "condition" if catch.trigger is waiting.CONDITION else "script"
         awaited = self.runner.awaited_topic(wait.key)
         if awaited is not None:
-            return sentence("receive", topic=_topic_text(resolve(awaited, self.namespace), self.publishers))
-        return self.runner.waits(wait.key) or self._trigger(wait.node, catch, variables)
+            return kind, sentence("receive", topic=_topic_text(resolve(awaited, self.namespace), self.publishers))
+        return kind, self.runner.waits(wait.key) or self._trigger(wait.node, catch, variables)
 
     def _trigger(self, node: ProgramNode, catch: Catch, variables: Mapping[str, Any]) -> str:
         """What an event waits for."""
@@ -422,43 +425,13 @@ def suspender(wait: Wait) -> Scope | None:
     return None
 
 
-class _AnyTopic(dict[str, Collection[str]]):
-    """Publishers of topics, for callers that ignore them."""
-
-    def get(self, topic: str, default: Any = None) -> Any:
-        return ("",)
-
-
-_ANY_TOPIC = _AnyTopic()
-
-
-def _kind(wait: Wait) -> str:
-    """What moves a token: ``timer``, ``user``, ``incident``, ``alternatives``, ``topic``, ``condition``, ``script``, or
-    the end of its suspension: ``due``.
-    """
-    catch = wait.catch
-    if wait.due:
-        return "due"
-    if catch.trigger is INCIDENT:
-        return "incident"
-    if catch.timer:
-        return "timer"
-    if catch.trigger is USER:
-        return "user"
-    if catch.parts:
-        return "alternatives"
-    if catch.topic:
-        return "topic"
-    return "condition" if catch.trigger is waiting.CONDITION else "script"
-
-
 def _came_due(wait: Wait) -> str:
     """Why a suspended token goes on as soon as it is no longer suspended."""
     return sentence("completed" if wait.catch.trigger in (USER, waiting.MESSAGE) else "came_due")
 
 
-def _topic_text(topic: str, publishers: Mapping[str, Collection[str]]) -> str:
-    return sentence("topic" if publishers.get(topic) else "nobody", topic=topic)
+def _topic_text(topic: str, publishers: Mapping[str, Collection[str]] | None) -> str:
+    return sentence("topic" if publishers is None or publishers.get(topic) else "nobody", topic=topic)
 
 
 def _seconds(time: float) -> str:

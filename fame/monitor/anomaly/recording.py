@@ -164,7 +164,10 @@ BENIGN, ANOMALOUS = 1, -1
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Points, one per row.
+    """Points, one per row, of many runs that motion divides, without gaps.
+
+    A `LabelledRun` (`fame.monitor.data_files`) is one run of any signals, with gaps that count; both are
+    read by `read_table`.
 
     joints  names of the columns
     values  (points, joints): rad, or whatever field was recorded
