@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 from bpmn_text import document, process
 from PIL import Image, ImageColor
+from recorded_runs import record
 
 from fame.bpmn import read_text
 from fame.cli import main
 from fame.clock import SECOND
 from fame.log.recording import Recording
 from fame.robot.events import Event
-from fame.scenario import film_diagram
+from fame.scenario import Scenario, film_diagram, films
 from fame.scenario.film_diagram import CAPTION, DiagramFilm
+from fame.view import Replay
+from sim2d.style import robot_colour
 
 pytest.importorskip("resvg_py", reason="needs the package resvg-py")
 
@@ -170,6 +173,17 @@ def test_what_has_neither_diagram_nor_world_is_refused_before_it_runs(
     told = capsys.readouterr()
     assert told.err == f"fame: error: {film}: cannot be drawn: the scenario has no world\n"
     assert told.out == ""
+
+
+def test_robots_have_the_colours_that_they_have_on_the_page(tmp_path: Path) -> None:
+    recording = record(
+        Scenario.load(ROOT / "examples" / "cookbook" / "patrol" / "mission.bpmn", duration=2), tmp_path / "run.mcap"
+    )
+    with Replay(recording) as replay:
+        mission = replay.mission()
+    names = [mission["robots"][robot]["name"] for robot in mission["order"]]
+    assert names == ["DESK", "GUARD"]  # which a run begins with the other way round
+    assert films._colours(films.read_run(recording)) == {name: robot_colour(at) for at, name in enumerate(names)}
 
 
 def test_a_film_shows_diagram_and_world_or_one_of_them(tmp_path: Path) -> None:

@@ -74,7 +74,8 @@ def read_run(source: str | Path) -> FilmedRun:
             captions.add(event)
         drawn = [file for file in models if file.shapes and not cast.keys().isdisjoint(last.robots)]
         model = next((file for file in drawn if any(one in cast.values() for one in file.processes)), None)
-        return FilmedRun(record if record.times else None, captions.labels, events, model, recording.end / SECOND)
+        labels = [*((0.0, robot, "") for robot in cast), *captions.labels]  # the order of a team gives it its colours
+        return FilmedRun(record if record.times else None, labels, events, model, recording.end / SECOND)
 
 
 def draw_film(
