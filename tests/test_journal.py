@@ -226,6 +226,23 @@ def test_a_record_that_is_too_long_to_be_read_again_is_not_written(
     assert changes(directory.segments()[-1]) == [{"number": 1}]
 
 
+def test_a_segment_that_cannot_be_begun_leaves_the_one_before_in_use(
+    directory: StateDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = Journal(directory, {})
+    journal.begin_segment({})
+
+    def full(name: str, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "no room")
+
+    monkeypatch.setattr(directory, "write_file", full)
+    with pytest.raises(OSError, match="no room"):
+        journal.begin_segment({"state": 1})
+    journal.append({"number": 1})
+    assert changes(directory.segments()[-1]) == [{"number": 1}]
+    journal.close()
+
+
 def test_growth_is_bounded_by_the_size_of_the_state(directory: StateDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_LEAST", 2000)
     journal = Journal(directory, {})

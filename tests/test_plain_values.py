@@ -12,6 +12,7 @@ from fame.engine.encoding import decode, encode
 from fame.fast_json import json_bytes
 from fame.middleware import messages
 from fame.middleware.messages import message_type
+from fame.middleware.typesystem import register
 from fame.robot import plain_values
 from fame.robot.plain_values import content_of, encoded, plain
 
@@ -47,6 +48,13 @@ def test_a_message_is_the_same_without_orjson(value: object, monkeypatch: pytest
     fast = plain(value)
     monkeypatch.setattr(plain_values, "orjson", None)
     assert plain(value) == fast
+
+
+def test_an_array_of_messages_is_a_list() -> None:
+    register("geometry_msgs/Point[2] ends", "plain_values_msgs/msg/Line")
+    value = messages.create("plain_values_msgs/msg/Line", {"ends": [{"x": 1.0}, {"y": 2.0}]})
+    assert plain(value) == {"ends": [{"x": 1.0, "y": 0.0, "z": 0.0}, {"x": 0.0, "y": 2.0, "z": 0.0}]}
+    assert json.loads(encoded(value)[1]) == plain(value)
 
 
 def test_values_are_the_same_only_if_their_json_is() -> None:

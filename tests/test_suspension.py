@@ -15,6 +15,7 @@ from fame.deploy import STRING, Envelope, Report
 from fame.deploy.diagnostics import TYPE, WARN
 from fame.deploy.requests import TaskRequest
 from fame.middleware import messages
+from fame.middleware.errors import EndpointWarning
 
 ANN = "ann@desk (unverified)"
 DRIVE = definitions(
@@ -100,6 +101,15 @@ def test_why_it_waits_names_the_person(field: Durable) -> None:
     node = field.engine.running
     (wait,) = [wait for wait in next(iter(node.engine.instances.values())).waits() if wait.node.id == "drive"]
     assert {"suspended": True, "by": ANN}.items() <= node.waiting.details(wait).items()
+
+
+def test_details_change_with_what_the_middleware_warns_of(field: Durable) -> None:
+    waits = field.engine.running.waiting
+    waits.refresh_publishers()
+    assert not waits.refresh_publishers()
+    field.middleware.warnings.append(EndpointWarning("/go", "hears nothing", "mismatch"))
+    assert waits.refresh_publishers()
+    assert not waits.refresh_publishers()
 
 
 def test_deadlines_go_on_while_it_is_suspended(field: Durable) -> None:

@@ -37,7 +37,7 @@ from engine_models import (
 
 from fame.deploy import EngineNode
 from fame.deploy.options import EngineOptions
-from fame.engine import restore, snapshot
+from fame.engine import BpmnError, restore, snapshot
 from fame.errors import MissionError
 from fame.robot.waiting_tokens import WaitingTokens
 
@@ -115,6 +115,13 @@ def test_other_tokens_are_not_touched() -> None:
     assert sorted(run.waiting) == ["a", "u"]
     run.complete("u").node.engine.retry("a", {"x": 1})
     assert run.status == "completed"
+
+
+def test_a_sub_process_that_is_made_to_fail_is_not_cancelled_too() -> None:
+    run = kept(start() + sub("p", user("a")) + boundary("x", "p", error()) + user("v") + path("s p") + path("x v"))
+    run.node.hold()
+    run.node.engine.fail("p", BpmnError("stop"))
+    assert (run.waiting, "p!stop" in run.log, "-p" in run.log) == (["v"], True, False)
 
 
 def test_a_skipped_element_is_left_without_results() -> None:
