@@ -15,8 +15,12 @@ from fame.check.expressions import constant
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.dataclasses import dataclass
 from fame.errors import FameError, UnavailableError
+from fame.imports import require
 from fame.robot.services import MissingFileError, ServiceTopic
 from fame.rooms import SERVICES, BuiltInService, load
+
+_READ_BY = {".skops": ("sklearn", "skops"), ".onnx": ("onnxruntime",)}
+"""By the ending of a learned model: the packages that read it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,19 @@ def check_services(scope: CheckScope) -> Iterator[Finding]:
             if place.fault is not None and not scope.remote_types:
                 level: Level = "warning" if isinstance(place.fault, MissingFileError) else "error"
                 yield process.finding(level, f"does not start: {place.fault}", place.node)
+        for node in () if scope.remote_types else process.nodes():
+            for lacking in filter(None, map(_lacking, _variables(process, node).values())):
+                yield process.finding("warning", f"cannot run here: {lacking}", node)
+
+
+def _lacking(value: object) -> UnavailableError | None:
+    """What the file of a learned model needs that is not installed."""
+    packages = _READ_BY.get(Path(value).suffix, ()) if isinstance(value, str) else ()
+    try:
+        require(*packages)
+    except UnavailableError as error:
+        return error
+    return None
 
 
 def service_places(process: CheckedProcess) -> Iterator[ServicePlace]:
