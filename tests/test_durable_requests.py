@@ -99,6 +99,13 @@ def test_a_goal_that_the_server_still_has_is_taken_up_again(field: Any) -> None:
     assert field.variables("A")["drive"].driven == 3
 
 
+def test_what_waits_for_a_goal_names_its_action(field: Any) -> None:
+    field.deploy(driving())
+    node = field.engine.running
+    (wait,) = node.instances[0].waits()
+    assert node.waiting.details(wait)["action"] == "/A/drive"
+
+
 def test_a_goal_that_ended_meanwhile_gives_its_result(field: Any) -> None:
     field.deploy(driving())
     field.crash()
