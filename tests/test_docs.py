@@ -196,6 +196,7 @@ OTHERS = {
     "python3": "makes a virtual environment",
     "ros2": "another ROS 2 program; make test-ros runs those of FAME",
     "json5": "an extract with comments",
+    "js": "a module of the page",
     "twist_mux": "the configuration of another ROS package",
     "patrol.bpmn": "an exception from coverage: the test of fame test reads one",
 }
