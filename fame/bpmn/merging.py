@@ -17,7 +17,7 @@ from lxml import etree
 
 from fame.bpmn.library import identity
 from fame.bpmn.linked_forms import linked_form
-from fame.bpmn.model import Assignment, Bounds, Definitions, Expression, FlowNode, Participant, Process, Task
+from fame.bpmn.model import Assignment, Bounds, Definitions, Expression, Participant, Process, Task
 from fame.bpmn.namespaces import expand_types
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.data import shared_stores
@@ -336,7 +336,7 @@ def _write_topics(element: Node, process: Process, types: Mapping[str, str], ack
         unsaid = [not topic.ttl and topic.qualified in acknowledged for topic in topics]
         if not any(typeless) and not any(unsaid):
             continue
-        holders = _holders(by_id[node.id], node, len(topics))
+        holders = _holders(by_id[node.id], len(topics))
         for topic, holder, needs_type, needs_delivery in zip(topics, holders, typeless, unsaid, strict=True):
             if needs_type:
                 add_property(holder, "type", types[topic.qualified])
@@ -344,7 +344,7 @@ def _write_topics(element: Node, process: Process, types: Mapping[str, str], ack
                 add_property(holder, "delivery", "acknowledged")
 
 
-def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
+def _holders(element: Node, count: int) -> list[Node]:
     """The elements to write the types of a node's topics to: the node, or its definitions if it has several topics."""
     if count == 1:
         return [element]

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from sim2d.record import WorldRecord
 
 FILMS, PICTURE = (".gif", ".mp4", ".webp"), ".png"
-SHOWN = ("both", "diagram", "world")
 Shown = Literal["both", "diagram", "world"]
 
 WIDTH, HEIGHT = 800, 400

@@ -153,7 +153,7 @@ class ExplorationReport:
             if at is None:
                 rows.append((self._fault_name(fault), "the others complete", None))
                 continue
-            last = self._last_of(at, good)
+            last = self._last_of(at)
             stuck, name = self._waiting("fault", last, good), self._fault_name(self._in_run(fault, last))
             if any(name == other for other, _, _ in rows):  # of another robot that is alike
                 continue
@@ -161,14 +161,10 @@ class ExplorationReport:
             rows.append((name, who, replace(stuck, kind="fault", text=f"{name}: {who}")))
         return rows
 
-    def _last_of(self, at: int, good: bytearray) -> int:
+    def _last_of(self, at: int) -> int:
         """A deadlock that is reached from a state, else that state itself."""
-        if at in self._stuck_states():
-            return at
-        return next((one for one in self.explored.reached_from(at) if one in self._stuck_states()), at)
-
-    def _stuck_states(self) -> frozenset[int]:
-        return frozenset(self.explored.stuck)
+        stuck = {*self.explored.stuck}
+        return at if at in stuck else next((after for after in self.explored.reached_from(at) if after in stuck), at)
 
     def _in_run(self, fault: SingleFault, at: int) -> SingleFault:
         """The fault with the robot by its name in the run to a state: equal robots change places."""
