@@ -37,7 +37,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--record",
         action="store_true",
-        help="record each run in the folder: for heat maps (fame view DIR), and a page of each failure",
+        help="record each run in the folder: for heat maps (fame view DIR), and a page of each cause of failures",
     )
     parser.add_argument("--resume", type=Path, metavar="DIR", help="continue the campaign of a folder")
     parser.add_argument("--seed", type=natural, default=1, metavar="N", help="seed of the first run (1)")
