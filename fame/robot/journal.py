@@ -241,9 +241,10 @@ class StateDirectory:
         try:
             self.touch()
         except FileNotFoundError as lost:
-            if not self.path.is_dir():
+            try:
+                old, self._lock = self._lock, self._locked()
+            except FileNotFoundError:
                 raise lost from None
-            old, self._lock = self._lock, self._locked()
             old.close()
             return True
         return False

@@ -19,7 +19,7 @@ from fame.log.conversion import merge
 from fame.log.writing import RECORDING
 
 from .invariants import judge
-from .plan import PHASES, Plan, draw
+from .plan import KINDS, PHASES, Plan, draw
 from .planted import BUGS, seeds_until_found
 from .team import Team
 
@@ -76,6 +76,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=_positive, default=1, metavar="N", help="number of processes (1)")
     parser.add_argument("--seed", type=int, metavar="N", help="run one seed, print what happens")
     parser.add_argument("--fixed", action="store_true", help="only the three missions that are not drawn")
+    parser.add_argument("--table", action="store_true", help="at the end: how often there was each element, fault, act")
     parser.add_argument("--reduce", action="store_true", help="with --seed: the fewest steps that still fail")
     parser.add_argument(
         "--log", type=_recording, metavar="FILE", help="with --seed or --plan: record what the robots do, for fame view"
@@ -90,7 +91,7 @@ def main() -> int:
     if arguments.seed is not None or arguments.plan:
         plan = arguments.plan or draw(arguments.seed, fixed=arguments.fixed)
         return _show(reduced(plan) if arguments.reduce else plan, arguments.log)
-    return _run_all(arguments.seeds, arguments.jobs, arguments.seconds, fixed=arguments.fixed)
+    return _run_all(arguments.seeds, arguments.jobs, arguments.seconds, fixed=arguments.fixed, table=arguments.table)
 
 
 def _range(text: str) -> range:
@@ -140,7 +141,21 @@ def _find_planted(limit: int, jobs: int) -> int:
     return bool(missed)
 
 
-def _run_all(seeds: range, jobs: int, seconds: float | None, *, fixed: bool) -> int:
+def _print_table(struck: Counter[str]) -> None:
+    """How often each kind of element was entered, and each fault and act struck, in drawn missions and others."""
+    counts = Counter[str]()
+    for kind, count in struck.items():
+        if not kind.endswith(" / absent"):
+            counts[kind.partition(" / ")[0]] += count
+    for group, kinds in KINDS.items():
+        print(f"| {group} |", ", ".join(f"{kind} {counts[prefix + kind]}" for prefix, kind in kinds), "|")
+    rare = [kind for kinds in KINDS.values() for prefix, kind in kinds if counts[prefix + kind] < 100]
+    print(f"less than 100 times: {', '.join(rare) or 'none'}")
+    drawn, compared = counts["missions drawn"], counts["missions compared with a reference"]
+    print(f"compared with a reference: {compared} of {drawn} missions drawn ({100 * compared / max(1, drawn):.0f} %)")
+
+
+def _run_all(seeds: range, jobs: int, seconds: float | None, *, fixed: bool, table: bool) -> int:
     begun, failed, struck, done = time.perf_counter(), 0, Counter[str](), 0
     told, run = begun, partial(run_seed, fixed=fixed)
     with ProcessPoolExecutor(jobs) as pool:
@@ -161,6 +176,8 @@ def _run_all(seeds: range, jobs: int, seconds: float | None, *, fixed: bool) -> 
     for kind, count in sorted(struck.items()):
         print(f"{count:9d}  {kind}")
     print(f"{done} seeds from {seeds.start}, {failed} failed, {took:.0f} s, {done / took:.1f} seeds/s")
+    if table:
+        _print_table(struck)
     never = sorted(PHASES - set(struck))
     if done >= 10_000 and never:
         print(f"never struck: {', '.join(never)}")

@@ -37,6 +37,7 @@ class Disk:
         self._synced: dict[Path, Node] = {}  # the names that are on the disk for sure
         self._owners: dict[Path, object] = {}
         self._seen: dict[Path, float] = {}
+        self._removed = False
         self.trouble = 0  # errno of every write from now on
         self.room: int | None = None  # bytes that are left
         self.fuse: int | None = None  # operations until the power goes
@@ -80,7 +81,17 @@ class Disk:
 
     def erase(self) -> None:
         """The directory is lost."""
-        self._files, self._synced, self._seen = {}, {}, {}
+        self._files, self._synced, self._seen, self._owners = {}, {}, {}, {}
+
+    @property
+    def removed(self) -> bool:
+        """Whether nothing was written since the directory was removed."""
+        return self._removed and not any(path.name.startswith("journal") for path in self._files)
+
+    def remove_all(self) -> None:
+        """The directory is removed below a process, until `trouble` is 0: then somebody has made it again."""
+        self.erase()
+        self.trouble, self._removed = errno.ENOENT, True
 
     @property
     def content(self) -> dict[Path, bytes]:
@@ -173,11 +184,13 @@ class Lock:
     """A lock file: see `fame.robot.disk.Lock`."""
 
     def __init__(self, disk: Disk, path: Path) -> None:
-        self._disk, self._path = disk, path
+        self._disk, self._path, self._node = disk, path, disk._files[path]
         self.last_seen = disk._seen.get(path, disk._wall_time())
         disk._owners[path] = self
 
     def touch(self) -> None:
+        if self._disk._files.get(self._path) is not self._node:
+            raise FileNotFoundError(errno.ENOENT, "the directory was removed")
         if not self._disk.trouble:
             self._disk._seen[self._path] = self._disk._wall_time()
 

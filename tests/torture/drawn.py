@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import random
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -23,7 +24,7 @@ from fame.bpmn.pools import pools_of, shared_topics
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler, date_text
 from fame.engine.program import USER
-from fame.middleware.actions import ActionServer
+from fame.middleware.actions import ActionServer, ServerGoal
 from fame.middleware.local import LocalMiddleware
 from fame.robot import RobotNode, make_mission
 from fame.robot.options import RobotOptions
@@ -38,9 +39,9 @@ Mission = dict[str, Any]
 """``robots`` and ``calls``: steps by name; ``calm``; ``edits``: by version, those of all versions before included."""
 START = 1_700_000_000
 _DECLARED = 'xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
-LOOSE = ("break", "go", "loose")
+LOOSE = ("break", "go", "ask", "loose")
 """Kinds in the ids of elements whose visits depend on when they are, or on how often a person repairs them."""
-IGNORED = {"helped", "loose", "unknown", "state", "recovered", "told"}
+IGNORED = {"helped", "loose", "unknown", "state", "recovered", "told", "goal", "mine"}
 """Variables that a person sets, or that depend on times."""
 
 
@@ -51,27 +52,28 @@ def _properties(**named: str) -> str:
 
 _TOLD = {"type": "std_msgs/msg/Int32", "delivery": "acknowledged", "ttl": "100000"}
 DRIVE = "nav2_msgs/action/NavigateToPose"
-_GO = {
-    "action": "/go",
-    "type": DRIVE,
-    "payload": "{pose: {pose: {position: {x: ${version}}}}}",
-}
+ASK = "std_srvs/srv/SetBool"
+_PAIR = "diagnostic_msgs/msg/KeyValue"
+GOALS = {"fast": 0, "slow": 1, "rejected": 2, "aborted": 3}
+"""What the server makes of a goal: `y` of its position. `x` is its number, and its frame the robot."""
 
 
 class _Lasting(_Process):
     """The elements of one process, with steps that last, and ids that stay."""
 
-    def __init__(self, robot: str, drawn: random.Random) -> None:
-        super().__init__(robot, drawn)
-        self._place = [0, 0]
+    def __init__(self, robot: str, version: int) -> None:
+        super().__init__(robot, random.Random(0))
+        self._version = version
+        self._place = 0, Counter[str]()
 
     def id(self, kind: str) -> str:
-        self._place[1] += 1
-        return f"{self.robot}_{kind}_{self._place[0]}_{self._place[1]}"
+        number, ids = self._place
+        ids[kind] += 1
+        return f"{self.robot}_{kind}_{number}_{ids[kind]}"
 
     def step(self, before: str, step: Step) -> str | None:
         kind, number, *rest = step
-        outside, self._place = self._place, [number, 0]
+        outside, self._place = self._place, (number, Counter())
         self.drawn = random.Random(f"{self.robot} {number}")  # another version draws the same
         try:
             if special := getattr(self, f"_{kind}", None):
@@ -81,6 +83,10 @@ class _Lasting(_Process):
             return None if kind in ("stop", "end", "error") else made
         finally:
             self._place = outside
+
+    def signal(self, name: str) -> str:
+        """One that is for the same robot is of one version: what is loaded hears the one before."""
+        return super().signal(f"{name}_{self._version}" if name.startswith("pause") else name)
 
     def unknown(self) -> str:
         return f"unknown = {self.drawn.randint(1, 3)}"
@@ -119,8 +125,7 @@ class _Lasting(_Process):
         topic = f"tell_{self.robot}"
         numbered = self.script("done['told'] = done.get('told', 0) + 1\ntold = 1000 * version + done['told']", "number")
         thrown = _properties(**_TOLD, payload="${told}") + self.signal(topic)
-        self.flow(before, numbered)
-        return self.after(numbered, self.node("intermediateThrowEvent", thrown, "", "tell"))
+        return self.after(self.after(before, numbered), self.node("intermediateThrowEvent", thrown, "", "tell"))
 
     def _hear(self, before: str, robot: str) -> str:
         topic = f"tell_{robot}"
@@ -132,9 +137,54 @@ class _Lasting(_Process):
         kept = _properties(queue="5") + self.message(what)
         return self.after(before, self.node("intermediateCatchEvent", kept, "", "inbox"))
 
-    def _go(self, before: str, retry: str) -> str:
-        made = self.node("serviceTask", _properties(**_GO, retry=retry), "", "go")
-        return self.after(before, made)
+    def _go(self, before: str, retry: str, how: str) -> str:
+        """A goal; one that is refused or aborted is an error, which goes on."""
+        count = "done['goal'] = done.get('goal', 0) + 1\ngoal = 1000 * version + done['goal']"
+        position = f"{{x: ${{goal}}, y: {GOALS[how]}, z: {RETRIES.index(retry)}}}"
+        payload = f"{{pose: {{header: {{frame_id: {self.robot}}}, pose: {{position: {position}}}}}}}"
+        called = _properties(action="/go", type=DRIVE, payload=payload, retry=retry)
+        numbered = self.after(before, self.script(count, "number"))
+        made = self.after(numbered, self.node("serviceTask", called, "", "go"))
+        if GOALS[how] < 2:
+            return made
+        self.flow(made, self.node("endEvent", "", "", "loose_end"))
+        return self.node("boundaryEvent", self.trigger(f"error {how}"), f'attachedToRef="{made}"', "caught")
+
+    def _ask(self, before: str, data: str, retry: str) -> str:
+        """A service call, whose answer is what was asked."""
+        variable = f"answer_{self._place[0]}"
+        called = _properties(service="/ask", type=ASK, payload=f"{{data: {data}}}", retry=retry)
+        asking = self.id("ask")
+        self.text.append(f'<serviceTask id="{asking}" camunda:resultVariable="{variable}">{called}</serviceTask>')
+        self.flow(before, asking)
+        return self.after(asking, self.script(f"{variable} = {variable}.success", "answered"))
+
+    def _order(self, before: str, number: int) -> str:
+        """Several orders at once; each takes the answer that has its key."""
+        pair = _properties(**_TOLD | {"type": _PAIR}, payload=f"{{key: ${{loopCounter}}, value: {self.robot}}}")
+        taken = _properties(type=_PAIR, correlate="loopCounter = key", queue="1")
+        outside, self.text = self.text, []
+        thrown = self.node("intermediateThrowEvent", pair + self.message(f"order_{self.robot}"), "", "order")
+        self.flow(self.node("startEvent", "", "", "start"), thrown)
+        caught = self.node("intermediateCatchEvent", taken + self.message(f"picked_{self.robot}"), "", "picked")
+        kept = self.script(f"done[f'picked {{loopCounter}}'] = picked_{self.robot}.value", "pick")
+        self.after(self.after(self.after(thrown, caught), kept), self.node("endEvent", "", "", "end"))
+        loop = f"<multiInstanceLoopCharacteristics><loopCardinality>{number}</loopCardinality>"
+        content, self.text = "".join(self.text) + loop + "</multiInstanceLoopCharacteristics>", outside
+        return self.after(before, self.node("subProcess", content, "", "orders"))
+
+    def _serve(self, before: str, robot: str) -> str:
+        """An order of another robot, which is answered."""
+        order = f"order_{robot}"
+        taken = self.node(
+            "intermediateCatchEvent", _properties(type=_PAIR, queue="50") + self.message(order), "", "serve"
+        )
+        payload = f"{{key: ${{{order}.key}}, value: {robot}${{{order}.key}}}}"
+        pair = _properties(**_TOLD | {"type": _PAIR}, payload=payload)
+        return self.after(
+            self.after(before, taken),
+            self.node("intermediateThrowEvent", pair + self.message(f"picked_{robot}"), "", "picked"),
+        )
 
     def _until(self, before: str, body: Sequence[Step]) -> str:
         """A branch that waits for a condition which another one makes true."""
@@ -163,7 +213,7 @@ class _Lasting(_Process):
 
     def _limit(self, before: str, time: str, body: Sequence[Step]) -> str:
         """What never comes, until a timer ends it; beside it a cycle whose handler counts nothing that matters."""
-        never = self._sub(before, [*body, ["catch", self._place[0], "never"]])
+        never = self._sub(before, [*body, ["catch", 2000 + self._place[0], "never"]])
         cycle = "<timerEventDefinition><timeCycle>R3/PT1.5S</timeCycle></timerEventDefinition>"
         beside = self.node("boundaryEvent", cycle, f'attachedToRef="{never}" cancelActivity="false"', "loose_cycle")
         self.flow(beside, loose := self.script("loose = globals().get('loose', 0) + 1", "loose"))
@@ -174,7 +224,7 @@ class _Lasting(_Process):
 
     def _caught(self, before: str, body: Sequence[Step], code: str) -> str:
         """A sub-process that ends with an error, which its boundary event catches."""
-        host = self._sub(before, [*body, ["error", self._place[0], code]])
+        host = self._sub(before, [*body, ["error", 2000 + self._place[0], code]])
         self.flow(host, self.node("endEvent", "", "", "end"))
         return self.node("boundaryEvent", self.trigger(f"error {code}"), f'attachedToRef="{host}"', "caught")
 
@@ -190,6 +240,15 @@ class _Lasting(_Process):
         self.flow(thrown, self.node("endEvent", "", "", "end"))
         content, self.text = "".join(self.text), outside
         return self.after(before, self.node("subProcess", content, "", "undoing"))
+
+    def _mapped(self, before: str, body: Sequence[Step]) -> str:
+        """A sub-process with a variable of its own."""
+        mapping = (
+            '<extensionElements><camunda:inputOutput><camunda:inputParameter name="mine">${version}'
+            '</camunda:inputParameter><camunda:outputParameter name="theirs">${mine + 1}</camunda:outputParameter>'
+            "</camunda:inputOutput></extensionElements>"
+        )
+        return self._sub(before, [*body, ["run", 2000 + self._place[0], "mine = mine + 1"]], mapping)
 
     def _own(self, before: str, name: str) -> str:
         """A call whose process has variables of its own."""
@@ -217,7 +276,7 @@ def text_of(mission: Mission, version: int) -> str:
     edited = edits_of(mission, version)
     processes, pools, signals, messages = list[str](), list[str](), set[str](), set[str]()
     for name, steps in {**mission["calls"], **mission["robots"]}.items():
-        made = _Lasting(name, random.Random(0))
+        made = _Lasting(name, version)
         first = steps[0][2] if steps and steps[0][0] == "start" else ""
         begin = made.node("startEvent", made.signal(first) if first else "", "", "start")
         begins = f"version = {version}\nhelped, done, kept = 0, {{}}, {{}}\nn = 0"
@@ -234,12 +293,24 @@ def text_of(mission: Mission, version: int) -> str:
             pools.append(f'<participant id="Pool_{name}" name="{name}" processRef="P_{name}"/>')
     named = "".join(f'<signal id="Signal_{name}" name="{name}"/>' for name in sorted(signals))
     named += "".join(f'<message id="Message_{name}" name="{name}"/>' for name in sorted(messages))
-    named += "".join(f'<error id="Error_{code}" errorCode="{code}"/>' for code in CODES)
+    named += "".join(f'<error id="Error_{code}" errorCode="{code}"/>' for code in (*CODES, *GOALS))
     team = f'<collaboration id="Team">{"".join(pools)}</collaboration>'
     return f'<definitions {_DECLARED} targetNamespace="t">{named}{team}{"".join(processes)}</definitions>'
 
 
 # ---- versions --------------------------------------------------------------------------------------------------------
+
+
+def kinds_met(mission: Mission, visited: Collection[str]) -> set[str]:
+    """The kinds of steps of which some element was entered."""
+    numbers = {id.rsplit("_", 2)[1] for id in visited if id.count("_") > 2}
+    return {
+        "pause" if kind == "resume" and mission["calm"] else kind
+        for part in ("robots", "calls")
+        for steps in mission[part].values()
+        for kind, number, *_ in walk(steps)
+        if str(number) in numbers
+    }
 
 
 def edits_of(mission: Mission, version: Any) -> dict[int, Step]:
@@ -259,8 +330,10 @@ def _edited(steps: Sequence[Step], edits: Mapping[int, Step]) -> Iterator[Step]:
                 step = ["sub", 1000 + number, [step]]
             case ["before", other]:
                 yield [other, 1000 + number]
+            case ["bare"]:  # without its handler
+                step = ["sub", number, rest[1 if kind == "limit" else 0]]
             case ["changed", *others]:
-                step = [kind, number, *others]
+                step = [kind, number, *others] if others else [_OTHER[kind], *step[1:]]
         yield step
 
 
@@ -268,13 +341,13 @@ def _is_steps(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(each, list) for each in value)
 
 
-def walk(steps: Sequence[Step]) -> Iterator[Step]:
-    """All steps, at any depth."""
+def walk(steps: Sequence[Step], without: str = "") -> Iterator[Step]:
+    """All steps, at any depth, but for what is in those of a kind."""
     for step in steps:
         yield step
-        for part in step[2:]:
+        for part in step[2:] if step[0] != without else ():
             if _is_steps(part):
-                yield from walk(part)
+                yield from walk(part, without)
 
 
 def durations_of(mission: Mission) -> dict[str, float]:
@@ -283,7 +356,7 @@ def durations_of(mission: Mission) -> dict[str, float]:
     return {
         f"{name}_timer_{step[1]}_1": float(step[2][2:-1])
         for name, steps in {**mission["calls"], **mission["robots"]}.items()
-        for step in walk(steps)
+        for step in walk(steps, "resume")
         if step[0] == "timer" and step[1] not in edited and mission["calm"]
     }
 
@@ -294,7 +367,7 @@ def durations_of(mission: Mission) -> dict[str, float]:
 def draw(seed: int) -> Mission:
     """A mission: one in ten is one of those that explorations are compared with; most others are calm."""
     chance = random.Random(f"mission {seed}")
-    mission = _explored(seed) if chance.random() < 0.1 else _Drawing(chance, calm=chance.random() < 0.85).mission()
+    mission = _explored(seed) if chance.random() < 0.08 else _Drawing(chance, calm=chance.random() < 0.88).mission()
     steps = [step for part in ("robots", "calls") for all in mission[part].values() for step in _editable(all)]
     for version in ("2", "3", "4"):
         if steps and chance.random() < 0.6:
@@ -310,15 +383,21 @@ def _editable(steps: Sequence[Step], first: int = 0) -> Iterator[Step]:
             yield from _editable(part, int(kind == "race")) if _is_steps(part) else ()
 
 
+_OTHER = {"beside": "scope", "scope": "beside", "watch": "guard", "guard": "watch"}
+"""The same with a handler that interrupts, or does not."""
+
+
 def _edit(chance: random.Random, step: Step) -> Step:
     kind, number, *_ = step
+    if kind in ("start", "tell", "hear", "order", "serve", "error", "stop", "end"):
+        return [number, "kept"]
     if kind == "timer":
         return [number, "changed", f"PT{chance.choice((1, 2, 8))}S"]
+    if kind in ("throw", "catch", "queue", "send", "inbox") and chance.random() < 0.5:
+        return [number, "changed", chance.choice("abm")]
+    handled = [["changed"]] * (kind in _OTHER) + [["bare"]] * (kind in (*_OTHER, "limit", "resume"))
     others = [["wrapped"], ["before", "note"], ["before", "work"], ["before", "person"], ["removed"]]
-    what = chance.choice(
-        others if kind not in ("start", "tell", "hear", "error", "stop", "end") else others[:0] or [[]]
-    )
-    return [number, *(what or ["kept"])]
+    return [number, *chance.choice(handled * 3 or others)]
 
 
 def _explored(seed: int) -> Mission:
@@ -352,9 +431,16 @@ def _explored(seed: int) -> Mission:
     }
 
 
-_SIMPLE = ("work", "work", "timer", "timer", "note", "person", "break", "tell", "go", "date")
-_NESTED = ("and", "and", "each", "turns", "sub", "call", "own", "until", "times", "limit", "caught", "undo", "some")
+RETRIES = ("safe", "never", "ask")
+_SIMPLE = ("work", "work", "timer", "timer", "note", "person", "break", "tell", "go", "ask", "date")
+_NESTED = ("and", "and", "each", "turns", "sub", "call", "own", "until", "times", "limit", "caught", "undo", "some",
+           "mapped", "pause")  # fmt: skip
 _WILD = ("throw", "catch", "queue", "send", "inbox", "race", "resume", "beside", "watch", "guard", "scope", "fail")
+
+
+KINDS = tuple(dict.fromkeys((*_SIMPLE, *_NESTED, *_WILD, "hear", "order", "serve")))
+EDITS = ("removed", "wrapped", "before", "changed", "bare")
+"""What is counted: kinds of steps, a robot of which has come to one; kinds of edits between two versions that met."""
 
 
 _LEAVES = (*_SIMPLE, "throw", "catch", "queue", "send", "inbox", "fail")
@@ -372,7 +458,7 @@ class _Drawing:
     def mission(self) -> Mission:
         names = NAMES[: self.chance.choice((2, 2, 3, 3, 3, 4, 5))]
         calls = {"Help": self.steps(2, 1, alone=True)}
-        robots, told = {}, {}
+        robots, told, serves = {}, {}, dict[str, list[list[Step]]]()
         for name in names:
             self._tells = 0
             robots[name] = [self.step(0) for _ in range(self.chance.randint(2, 4))]
@@ -380,8 +466,14 @@ class _Drawing:
         for name in names:
             others = [other for other in names if other != name and told[other] and self.chance.random() < 0.6]
             hears = [[["times", self.next(), told[other], [["hear", self.next(), other]]]] for other in others]
+            if self.chance.random() < 0.2:
+                count, other = self.chance.choice((2, 3)), self.chance.choice([one for one in names if one != name])
+                hears.append([["order", self.next(), count]])
+                serves.setdefault(other, []).append([["times", self.next(), count, [["serve", self.next(), name]]]])
             if hears:
                 robots[name] = [["and", self.next(), robots[name], *hears]]
+        for name, branches in serves.items():
+            robots[name] = [["and", self.next(), robots[name], *branches]]
         return {"robots": robots, "calls": calls, "calm": self.calm, "edits": {}}
 
     def next(self) -> int:
@@ -396,8 +488,10 @@ class _Drawing:
         chance, number = self.chance, self.next()
         kinds = [*self._simple, *self._nested, *(() if self.calm else self._wild)]
         kind = chance.choice([kind for kind in kinds if depth < 2 or kind in _LEAVES])
-        if alone and kind in ("tell", "go", "call", "own", "break"):
+        if alone and kind in ("tell", "go", "ask", "call", "own", "break"):
             kind = "work"
+        if depth and kind == "pause":  # its signal would reach others of its scope
+            kind = "sub"
         body = lambda: self.steps(depth + 1, alone=alone)  # noqa: E731
         match kind:
             case "timer":
@@ -407,7 +501,9 @@ class _Drawing:
             case "work":
                 return [kind, number, chance.choice(("0.5", "2", "5"))]
             case "go":
-                return [kind, number, "safe"]
+                return [kind, number, chance.choice(RETRIES), chance.choice((*GOALS, "fast"))]
+            case "ask":
+                return [kind, number, chance.choice(("true", "false")), chance.choice(RETRIES)]
             case "and":
                 return [kind, number, body(), body()]
             case "some":
@@ -416,6 +512,12 @@ class _Drawing:
                 return [kind, number, chance.choice((2, 2, 3)), body()]
             case "sub" | "until" | "undo":
                 return [kind, number, body()]
+            case "mapped":
+                return [kind, number, self.steps(2, alone=True)]
+            case "pause":
+                trigger, handler = f"pause{number}", [["work", self.next(), chance.choice(("1", "6"))]]
+                throwing = [["timer", self.next(), "PT1.5S"], ["throw", self.next(), trigger]]
+                return ["resume", number, [["and", self.next(), throwing, body()]], trigger, handler]
             case "call" | "own":
                 return [kind, number, "Help"]
             case "limit":
@@ -476,12 +578,16 @@ def outcome_of(node: RobotNode) -> Outcome:
     return {
         f"instance {number}": {
             "status": one.status,
-            "variables": {name: value for name, value in one.variables.items() if name not in IGNORED},
+            "variables": {name: value for name, value in one.variables.items() if not _ignored(name)},
             "visits": {id: count for id, count in sorted(one.visits.items()) if not _is_loose(id)},
             "waiting": sorted(one.waiting),
         }
         for number, one in enumerate(node.instances)
     }
+
+
+def _ignored(variable: str) -> bool:
+    return variable in IGNORED or variable.startswith("pause")
 
 
 def _is_loose(id: str) -> bool:
@@ -493,9 +599,9 @@ def reference(text: str) -> dict[str, Outcome]:
     """What becomes of each robot where nothing fails: bare engines, and a person who helps at once."""
     scheduler, definitions = Scheduler(), read_text(text)
     middleware = LocalMiddleware(scheduler)
-    server = ActionServer(
-        middleware.node("base"), "/go", DRIVE, lambda goal: goal.end("succeeded", {}), lambda goal: True
-    )
+    base = middleware.node("base")
+    server = ActionServer(base, "/go", DRIVE, end_goal, lambda goal: True, accept=accepts)
+    base.service("/ask", ASK, lambda request: {"success": request.data})
     pools = pools_of(definitions)
     shared = shared_topics(definitions, pools, Library().declared)
     nodes = [
@@ -523,6 +629,16 @@ def reference(text: str) -> dict[str, Outcome]:
         node.close()
     server.close()
     return found
+
+
+def accepts(goal: Any) -> bool:
+    """Whether the server accepts a goal."""
+    return round(goal.pose.pose.position.y) != GOALS["rejected"]
+
+
+def end_goal(goal: ServerGoal) -> None:
+    """A goal ends as it is to."""
+    goal.end("aborted" if round(goal.message.pose.pose.position.y) == GOALS["aborted"] else "succeeded", {})
 
 
 def help_out(node: RobotNode) -> None:

@@ -52,7 +52,7 @@ class Fabric:
         self.twice = 0.0  # probability that a message of a protocol which repeats itself arrives again
         self.struck: Counter[str] = Counter()
         self.published: dict[str, list[tuple[float, str, AnyMessage]]] = {}  # topic -> (s, process, message)
-        self.on_published: dict[str, Callable[[], object]] = {}  # by topic
+        self.on_published: dict[str, Callable[[str], object]] = {}  # by topic or service; gets the process
 
     def join(self, process: Process) -> Wire:
         """The middleware of a new process."""
@@ -65,6 +65,12 @@ class Fabric:
             self.links[wire.id, other.id].begin()
             self.links[other.id, wire.id].begin()
         return wire
+
+    def note_published(self, end: End, message: AnyMessage) -> None:
+        """A message, or the request of a service, leaves."""
+        self.published.setdefault(end.topic, []).append((self.scheduler.now / SECOND, end.wire.id, message))
+        if end.topic in self.on_published:
+            self.on_published[end.topic](end.wire.id)
 
     def leave(self, wire: Wire) -> None:
         """A process is killed: the others notice after the lease."""
@@ -431,10 +437,7 @@ class Publisher(End):
         if message.__class__ is not self._class or not self.open:
             raise publish_error(self.topic, self.type, message, closed=not self.open)
         self._kept.append(message)
-        fabric = self.wire.fabric
-        fabric.published.setdefault(self.topic, []).append((fabric.scheduler.now / SECOND, self.wire.id, message))
-        if self.topic in fabric.on_published:
-            fabric.on_published[self.topic]()
+        self.wire.fabric.note_published(self, message)
         if self.matched and not self._processes:
             for subscription in self.matched:
                 self._processes.setdefault(subscription.wire, []).append(subscription)
@@ -573,6 +576,7 @@ class Client(End):
             raise unavailable_error(self.name, self.request_type, ())
         message = messages.create(self.request_type, request)
         self._number += 1
+        self.wire.fabric.note_published(self, message)
         self._requests.add(self._number, servers, callback, lost, or_new)
         for server in servers:  # as on DDS: the first response counts
             self._way(self, server, partial(self._handle, server, message, self._number))
@@ -580,7 +584,10 @@ class Client(End):
     def _handle(self, server: Service, request: AnyMessage, number: int) -> None:
         def respond(response: Any) -> None:
             answer = messages.create(server.response_type, response)
-            self._way(server, self, lambda: self._requests.respond(number, answer) if self.open else None)
+            again = server.wire.process.machine.busy.random() < self.wire.fabric.twice
+            for _ in range(1 + again):
+                self._way(server, self, lambda: self._requests.respond(number, answer) if self.open else None)
+            self.wire.fabric.struck["answered twice"] += again
 
         if server.open:
             deliver_response(server.handler(request), respond)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from bisect import bisect
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from fame.clock import SECOND
 from fame.engine import Instance
+from fame.engine.state import Mailbox
+from fame.middleware.codec import deserialize
 
-from .drawn import edits_of, help_needed, outcome_of, reference
+from .drawn import RETRIES, edits_of, help_needed, kinds_met, outcome_of, reference
 from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
 from .processes import ids_of
 from .states import differences
-from .team import STRANGER, Said, Team
+from .team import SEND_GOAL, STRANGER, Said, Team
 
 LAST = 99
 """The version that is deployed at the end."""
@@ -57,7 +61,7 @@ def _judge(team: Team) -> list[str]:
 
 def _of_drawn(team: Team) -> list[str]:
     """What does not hold of a drawn mission, whose end people help it to."""
-    finish(team)
+    settled = finish(team)
     return [
         *half_applied(team),
         *broken_promises(team),
@@ -65,8 +69,12 @@ def _of_drawn(team: Team) -> list[str]:
         *forgotten(team),
         *strangers(team),
         *repairs(team),
+        *started_alone(team),
+        *(says(team) if settled else ()),
         *told(team),
         *heard(team),
+        *acknowledged(team),
+        *sent_again(team),
         *unlike_reference(team),
     ]
 
@@ -100,8 +108,8 @@ def _concluded(team: Team, found: list[str]) -> list[str]:
     return list(dict.fromkeys([*found, *team.problems]))
 
 
-def finish(team: Team) -> None:
-    """People do what the robots need, until all missions have ended or wait for something else."""
+def finish(team: Team) -> bool:
+    """People do what the robots need, until all missions have ended or wait for something else: whether they do."""
     idle = 0
     for _ in range(120):
         idle += 1
@@ -121,7 +129,8 @@ def finish(team: Team) -> None:
                 idle = min(idle, 1)
         team.pass_time(1)
         if idle > 4:
-            return
+            return True
+    return False
 
 
 def told(team: Team) -> Iterator[str]:
@@ -129,15 +138,16 @@ def told(team: Team) -> Iterator[str]:
     for robot in team.robots.values():
         if not robot.durable or robot.spoilt or robot.witness.changed:
             continue
-        last: dict[int, tuple[int, str, list[int], float]] = {}
+        last: dict[int, tuple[int, str, list[int], float, int]] = {}
+        starts = sorted(one.time for one in team.said if (one.robot, one.answer) == (robot.name, "started"))
         for time, process, message in team.fabric.published.get(f"/tell_{robot.name}", ()):
             version, count = divmod(message.data, 1000)
-            before, by, batch, at = last.get(version, (0, process, [], 0.0))
-            again = process != by and count in batch
+            before, by, batch, at, run = last.get(version, (0, process, [], 0.0, 0))
+            again = (process != by and count in batch) or (count == 1 and run != bisect(starts, time))
             if count != before + 1 and not again:
                 yield f"{robot.name} has told {count} of version {version} after {before}"
             batch = [*batch, count] if time == at else [count]
-            last[version] = count, process, batch, time
+            last[version] = count, process, batch, time, bisect(starts, time)
 
 
 def heard(team: Team) -> Iterator[str]:
@@ -158,6 +168,86 @@ def heard(team: Team) -> Iterator[str]:
                     yield f"{name} has heard {found} of {other}, version {version}"
 
 
+def acknowledged(team: Team) -> Iterator[str]:
+    """What a robot has acknowledged, its mission has taken, or keeps in a queue."""
+    for name, instance in _instances(team):
+        robot = team.robots[name]
+        if robot.spoilt or robot.witness.changed or not robot.durable or instance.status != "running":
+            continue
+        if sum((said.robot, said.answer) == (name, "started") for said in team.said) > 1:
+            continue  # what was acknowledged before is that of another mission
+        node = robot.engine.running if robot.engine is not None else None
+        assert node is not None
+        boxes = [one for all in node.engine.listeners.values() for one in all if isinstance(one, Mailbox)]
+        kept = [message for box in boxes for _, message in box.messages]
+        for other in set(team.robots) - {name}:
+            signals = _of_json(team, f"/{name}/bpmn_signal/tell_{other}")
+            answers = [one for one in _of_json(team, f"/{other}/bpmn_answer/tell_{other}") if one["robot"] == name]
+            until = {one["sender"]: one["number"] for one in answers}
+            types = [one for one in signals if one.get("number", 1 << 60) <= until.get(one["life"], 0)]
+            told = {deserialize(b64decode(one["data"]), "std_msgs/msg/Int32").data for one in types}
+            has = {*instance.variables.get("kept", {}).get(other, ()), *(getattr(one, "data", 0) for one in kept)}
+            if lost := {one for one in told if one // 1000 == instance.variables.get("version")} - has:
+                yield f"{name} has acknowledged {sorted(lost)} of {other}, and does not have them"
+
+
+def _of_json(team: Team, topic: str) -> list[dict[str, Any]]:
+    return [json.loads(message.data) for _, _, message in team.fabric.published.get(topic, ())]
+
+
+def sent_again(team: Team) -> Iterator[str]:
+    """A goal is sent once; again where its `retry` allows that after a crash, or it was cancelled or made again."""
+    last: dict[tuple[str, int, int], float] = {}
+    for time, process, message in team.fabric.published.get(SEND_GOAL, ()):
+        robot, place = team.robots[process.partition("#")[0]], message.goal.pose.pose.position
+        run = sum((one.robot, one.answer) == (robot.name, "started") and one.time <= time for one in team.said)
+        key = robot.name, run, round(place.x)
+        allowed = {"cancel"} if RETRIES[round(place.z)] == "never" else {"cancel", "crash", "server"}
+        excused = any(last.get(key, 0) <= at <= time and why in allowed for at, why in robot.excuses)
+        if key in last and not excused:
+            yield f"{robot.name} has sent its goal {place.x:g} again, retry {RETRIES[round(place.z)]}"
+        last[key] = time
+
+
+def started_alone(team: Team) -> Iterator[str]:
+    """What one robot has started, all others start, or something newer; or they say that they hold.
+
+    A splitter gives what runs to one that has come back, alone.
+    """
+    started = dict.fromkeys(said.deployment for said in team.said if said.answer == "started")
+    for deployment in [one for one in started if one.startswith("sender")]:
+        first = min(said.time for said in team.said if (said.deployment, said.answer) == (deployment, "started"))
+        for name, robot in team.robots.items():
+            newer = any(one.robot == name and one.answer == "started" and one.time >= first for one in team.said)
+            holds = robot.engine is None or robot.engine.state in ("holding", "suspended", "loading", "ready")
+            free = not robot.durable or robot.spoilt or (name, deployment) in team.released
+            if not (newer or holds or free):
+                yield f"{name} has not started {deployment}, which others have"
+
+
+def says(team: Team) -> Iterator[str]:
+    """What a robot says in its status is so."""
+    for robot in team.robots.values():
+        node = robot.engine.running if robot.engine is not None else None
+        reports = team.fabric.published.get(f"/{robot.name}/bpmn_status", [])
+        if node is None or robot.engine is None or robot.process is None or not reports:
+            continue
+        said = json.loads(reports[-1][2].data)
+        is_so = {
+            "deployed": robot.engine.deployed,
+            "incidents": sorted(one.node.id for one in node.engine.incidents),
+            "suspended": node.suspension.by,
+        }
+        incidents = sorted(one["element"] for one in said.get("incidents") or ())
+        says = {
+            "deployed": said["deployed"],
+            "incidents": incidents,
+            "suspended": (said["suspended"] or {}).get("by", ""),
+        }
+        if reports[-1][1] == robot.process.name and says != is_so:
+            yield f"{robot.name} says {says}, but it is {is_so}"
+
+
 def _instances(team: Team) -> Iterator[tuple[str, Instance]]:
     for robot in team.robots.values():
         node = robot.engine.running if robot.engine is not None else None
@@ -173,8 +263,14 @@ def unlike_reference(team: Team) -> Iterator[str]:
     team.struck["missions drawn that are calm"] += mission["calm"]
     running, robots = set(versions(team).values()), team.robots.values()
     begun = {instance.variables.get("version") for _, instance in _instances(team)}
+    kinds = kinds_met(mission, {id for _, instance in _instances(team) for id in instance.visits})
+    team.struck.update(f"element {kind}" for kind in kinds)
+    migrated = {version for version in running - begun if version is not None}
+    team.struck.update(f"edit {edit[0]}" for version in migrated for edit in edits_of(mission, version).values())
+    team.struck["crashes in a row"] += sum([why for _, why in robot.excuses].count("crash") > 2 for robot in robots)
     kept = all(robot.durable and not (robot.spoilt or robot.witness.changed) for robot in robots)
-    dated = '"date"' in json.dumps(mission) and not all(robot.witness.clocks_are_right for robot in robots)
+    waiting = {element for _, instance in _instances(team) for element in instance.waiting}
+    dated = any("_date_" in element for element in waiting)  # a clock that is far behind
     if not (mission["calm"] and kept and len(running) == len(begun) == 1 and None not in running | begun) or dated:
         return
     (version,), (first,) = running, begun

@@ -98,6 +98,18 @@ PHASES = (
 sender (of a clock: that of the senders' machine)."""
 
 
+ACTS = ("complete", "complete", "complete", "retry", "move", "set", "skip", "suspend", "continue", "take_over", "steer",
+        "fail", "restart", "note")  # fmt: skip
+KINDS = {
+    "elements": [("element ", kind) for kind in drawn.KINDS],
+    "edits": [("edit ", kind) for kind in drawn.EDITS],
+    "acts": [("", act) for act in (*dict.fromkeys(ACTS), "deploy", "migrate", "diagram")],
+    "faults": [("", kind) for kind in (*FAULTS, *DISK_FAULTS, *SERVER, "twice", "removed", "memory", "stubborn")],
+    "row": [("", "crashes in a row")],
+}
+"""What is counted, by group: prefix in the counts, and name."""
+
+
 KEPT = sorted((Path(__file__).parent / "found").glob("*.json"))
 """Plans that failed once."""
 
@@ -180,8 +192,6 @@ def _varied(plan: Plan, seed: int, chance: random.Random) -> Plan:
 _OF_MISSIONS = {"drives", "breaks", "repair", "acknowledges", "watched", "works", "stubborn", "suspend"}
 _OF_MISSIONS |= {"start", "directory"}
 """What belongs to the missions that are not drawn, or is drawn again."""
-ACTS = ("complete", "complete", "complete", "retry", "move", "set", "skip", "suspend", "continue", "take_over", "fail",
-        "restart", "note")  # fmt: skip
 
 
 def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> Plan:
@@ -199,16 +209,48 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
         robot, _, answer = step.on.partition(" ")
         on = f"{cast[robot]} {answer}" if step.on else ""
         foreign = step.kind in _OF_MISSIONS or step.kind.endswith(" monitor") or "monitor" in words
+        foreign = foreign or (step.kind in ("flip", "erase") and chance.random() < 0.7)
         if not foreign and len(set(words)) == len(words):
             steps.append(replace(step, target=" ".join(words), on=on))
     begun = min((step.time for step in plan.steps if step.kind in ("deploy", "diagram")), default=2.0)
     for _ in range(chance.choice((2, 3, 5) if alone else (0, 1, 2))):
         steps += _row(chance, chance.choice(names), chance.uniform(begun + 1, heal - 5))
+    if chance.random() < 0.3:
+        steps += _around(chance, names, chance.uniform(begun + 1, heal - 3))
     acts = chance.sample(ACTS, 5)
     for _ in range(chance.choice((0, 0, 3, 8))):
         value = [chance.choice(acts), chance.randrange(100), _rounded(chance.choice((0, 1, 8)) * chance.random())]
-        steps.append(Step(_rounded(chance.uniform(begun, heal)), "act", chance.choice(names), value))
+        steps.append(_act(chance, names, Step(_rounded(chance.uniform(begun, heal)), "act", "", value)))
+    if chance.random() < 0.15:  # one or two senders more
+        version, kind = chance.randint(1, 4), chance.choice(("deploy", "migrate", "migrate"))
+        more = _act(chance, names, Step(_rounded(chance.uniform(begun, heal)), kind, str(version), version))
+        steps += [replace(more, kind=chance.choice(("deploy", "migrate"))), more][chance.randrange(2) :]
+    if chance.random() < 0.2:
+        steps.append(Step(0.0, "stubborn"))
     return Plan(plan.seed, _sorted(step for step in steps if step.time < heal), heal, mission)
+
+
+def _act(chance: random.Random, names: Sequence[str], step: Step) -> Step:
+    """What somebody does, sometimes at an answer of a robot, or while it resumes."""
+    robot = chance.choice(names)
+    moment = chance.choice(("ready", "ready", "asking", "started", "resuming", "resuming"))
+    on = f"{robot} {moment}" if chance.random() < 0.4 else ""
+    return replace(step, target=step.target or robot, on=on)
+
+
+def _around(chance: random.Random, names: Sequence[str], time: float) -> list[Step]:
+    """What strikes around the robots: the server, the network, or half of the team at once."""
+    kind, long = (
+        chance.choice(("kill server", "stop server", "loss", "twice", "delay", "cut", "stop")),
+        6 * chance.random(),
+    )
+    time, long = _rounded(time), _rounded(long)
+    if kind == "stop":
+        return [Step(time, kind, robot, long) for robot in chance.sample(names, max(1, len(names) // 2))]
+    if kind == "cut":
+        return [Step(time, kind, " ".join(chance.sample(names, 2)), 2 * long)]
+    amount = _rounded(chance.choice((0.1, 0.5, 2.0 if kind == "delay" else 0.9)))
+    return [Step(time, kind, "", long if kind.endswith("server") else [amount, long])]
 
 
 def _first(steps: Sequence[Step], chance: random.Random) -> list[Step]:
@@ -223,9 +265,13 @@ def _row(chance: random.Random, robot: str, time: float) -> list[Step]:
     steps = []
     for _ in range(chance.choice((1, 2, 2, 3))):
         away = _rounded(chance.choice((0.2, 1.0, 4.0)) * (0.5 + chance.random()))
-        kind = chance.choice(("kill", "kill", "kill", "kill", "power", "fuse", "full", "memory"))
-        value = {"fuse": [chance.randrange(12), away], "full": [chance.randrange(3000), away]}.get(kind, away)
-        steps.append(Step(_rounded(time), kind, robot, value))
+        kind = chance.choice(("kill", "kill", "kill", "kill", "power", "fuse", "full", "memory", "removed"))
+        value = {"fuse": [chance.choice((0, chance.randrange(12))), away], "full": [chance.randrange(3000), away]}
+        on = f"{robot} started" if kind == "fuse" and chance.random() < 0.3 else ""
+        steps.append(Step(_rounded(time), kind, robot, value.get(kind, away), on))
+        if kind == "full":  # and again, until it is removed
+            steps.append(Step(_rounded(time + away + 0.5), kind, robot, [chance.randrange(3000), away]))
+            steps += [Step(_rounded(time + 2 * away), "removed", robot, away)] * (chance.random() < 0.3)
         if chance.random() < 0.05:
             steps.append(
                 Step(

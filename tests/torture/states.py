@@ -52,7 +52,6 @@ def state_of(node: RobotNode) -> State:
         "incidents": sorted([one.node.id, *what] for one, what in engine.incidents.items()),
         "totals": [node.started, node.completed, node.failed],
         "suspension": node.suspension.by,
-        "cancelled": sorted(node.runner.cancelled.table()),
         "ended": {
             f"{one.key}": [one.status, _visits(node, one), writer.write(one.variables), str(one.error or "")]
             for one in [one for one in node.instances if one.status != "running"][-10:]
@@ -78,7 +77,28 @@ def requests_of(recorder: DurableRecorder) -> State:
         "requests": {wait.key: list(ids) for wait, ids in recorder._requests.items()},
         "goals": {wait.key: list(goal) for wait, goal in recorder._goals.items()},
         "next": recorder._next,
+        "cancelled": sorted(recorder.node.runner.cancelled.table()),
     }
+
+
+def _kept(node: RobotNode, elements: set[str]) -> State:
+    """What a migration keeps of a mission: variables, and tokens at elements that both models have."""
+    return {
+        "variables": {f"{key}": _Writer().write(one.variables) for key, one in node.engine.instances.items()},
+        "tokens": sorted(id for one in node.engine.instances.values() for id in one.waiting if id in elements),
+        "incidents": sorted(one.node.id for one in node.engine.incidents),
+        "suspended": node.suspension.by,
+    }
+
+
+def _dues(node: RobotNode, elements: set[str]) -> list[tuple[str, int]]:
+    """When the timers of elements that both models have are due."""
+    waits = node.engine.waits
+    return sorted(
+        (waits[key].node.id, due)
+        for key, due in timers_of(node).items()
+        if key in waits and waits[key].node.id in elements
+    )
 
 
 class _Writer:
@@ -160,8 +180,19 @@ class Witness:
                 self.wrong(f"does not hold, with an incident at {[one.node.id for one in node.engine.incidents]}")
             if node.holds - {"deployment"} and engine.state == "running":
                 self.wrong(f"says that it is running, and holds for {sorted(node.holds)}")
-            if node.engine.held is not self._held:
-                self._held, self._held_at = node.engine.held, now
+            self.held_for(now, engine)
+
+    @property
+    def held(self) -> bool:
+        """Whether its mission was held when it was looked at."""
+        return self._held is not None
+
+    def held_for(self, now: float, engine: EngineNode) -> float:
+        """For how long its mission has been held, as far as was seen (s); -1 if it is not."""
+        held = engine.running.engine.held if engine.running is not None else None
+        if held is not self._held:
+            self._held, self._held_at = held, now
+        return now - self._held_at if held is not None else -1.0
 
     def on_event(self, now: float, engine: EngineNode, event: Event) -> None:
         """What happens in its mission (s)."""
@@ -170,10 +201,10 @@ class Witness:
         node = engine.running
         if event.what not in ("enter", "leave") or node is None:
             return
-        if node.engine.held is not None:
-            if node.engine.held is self._held and now > self._held_at:
-                self.wrong(f"does {event.what} {event.element} while it is held for {sorted(node.holds)}")
-            self._held, self._held_at = node.engine.held, self._held_at if node.engine.held is self._held else now
+        if self.held_for(now, engine) > 0:
+            self.wrong(f"does {event.what} {event.element} while it is held for {sorted(node.holds)}")
+        if event.element and event.element not in node.engine.program.elements:
+            self.wrong(f"does {event.what} {event.element}, which its model does not have")
         if (duration := self.durations.get(event.element)) is None:
             return
         place = event.scope, event.element
@@ -206,6 +237,27 @@ class Witness:
         """Compare what this process resumes."""
         if not self.clocks_are_right:  # a clock set forward is as a longer outage: what was under way is due earlier
             self._begun.clear()
+        take_over = engine._take_over
+
+        def taken_over(candidate: Any, before: str) -> Any:
+            assert engine.running is not None
+            new, engine._anew = set(candidate.process.engine.program.elements), ""
+            had, dues = _kept(engine.running, new), _dues(engine.running, new)
+            go_on, timers = take_over(candidate, before)
+            if not engine._anew and (wrong := list(differences(had, _kept(candidate.process, new)))):
+                self.wrong(f"has forgotten in a migration: {'; '.join(wrong[:3])}")
+
+            def gone_on() -> object:
+                found, process = go_on(), candidate.process
+                now, waiting = epoch_of(process) + process.scheduler.now, process.engine.waits.values()
+                after, left = _dues(process, new), {wait.node.id for wait in waiting}
+                if lost := [one for one in dues if one[1] > now and one[0] in left and one not in after]:
+                    self.wrong(f"has not the timers that it had before a migration: {lost} became {after}")
+                return found
+
+            return gone_on if timers is not None else go_on, timers
+
+        engine._take_over = taken_over  # type: ignore[method-assign]
         keeper = engine._keeper
         if keeper is None:
             return
@@ -236,6 +288,7 @@ class Witness:
                 "requests": {int(key): ids for key, ids in tables.get("requests", {}).items()},
                 "goals": {int(key): goal for key, goal in tables.get("goals", {}).items()},
                 "next": tables["recorder"]["next"],
+                "cancelled": sorted(tables.get("cancelled", ())),
             }
             found += differences(requests, stored)
             waits = {*process.engine.waits, *process.engine.armed_starts}

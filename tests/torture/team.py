@@ -33,6 +33,7 @@ from fame.errors import ConfigError, DeploymentError, FameError
 from fame.log.engine_log import EngineLog
 from fame.middleware import messages
 from fame.middleware.actions import ActionServer, ServerGoal
+from fame.middleware.interface import DeferredResponse
 from fame.monitor.pipeline.configuration import Configuration, load
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.robot import Event
@@ -40,13 +41,14 @@ from fame.robot.journal import StateDirectory
 from fame.scripting.cancelled_goals import BOUND
 
 from .disks import PowerLoss
-from .drawn import durations_of, help_needed, text_of
+from .drawn import ASK, GOALS, accepts, durations_of, end_goal, help_needed, text_of
 from .fabric import Fabric, Wire
 from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
 from .processes import Machine, Process, Timeline
 from .states import Witness
 
+SEND_GOAL = "/go/_action/send_goal"
 STRANGER = 66
 """The version that somebody deploys who has no key of the team."""
 QUIET = 60.0
@@ -92,6 +94,7 @@ class Robot:
     fresh: bool = False  # whether a person has put its old state aside
     began: float = 0.0  # when its process began (s)
     continued: float = 0.0  # when it was last continued after a stop (s)
+    excuses: list[tuple[float, str]] = field(default_factory=list)  # why what it does may be done again, since when (s)
     witness: Witness = field(default_factory=lambda: Witness(lambda text: None))
 
 
@@ -143,7 +146,10 @@ class Team:
 
     def __post_init__(self) -> None:
         self.fabric = Fabric(self.scheduler, self.plan.seed)
-        self.fabric.on_published[WORK] = self._on_work
+        effects = *(f"/tell_{name}" for name in self.plan.robots), SEND_GOAL, "/ask"
+        self.fabric.on_published = {WORK: partial(self._on_effect, 0.0)} | dict.fromkeys(
+            effects if self.plan.mission is not None else (), partial(self._on_effect, 1.0)
+        )
         self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*self.plan.robots, DESK)}
         self.robots = {name: Robot(name, self.machines[name]) for name in self.plan.robots}
         for robot in self.robots.values():
@@ -166,9 +172,8 @@ class Team:
         self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
         self.stubborn = False  # whether the server refuses to cancel goals, which then go on for long
-        self.refused: dict[bytes, float] = {}  # goals that it does not cancel and that have not ended, since when (s)
+        self.refused: dict[bytes, tuple[float, str]] = {}  # goals that it does not cancel: since when (s), whose
         self.senders: list[Sender] = []
-        self.acted = Counter[str]()  # what people have asked for
         self.key: Ed25519PrivateKey | None = None  # of the team, if it has one
         self._numbers = Counter[str]()
         if self.plan.mission is not None:
@@ -202,6 +207,8 @@ class Team:
         self._check_refused()
         for robot in self.robots.values():
             robot.witness.look(self.scheduler.now / SECOND, robot.process, robot.engine)
+            if robot.witness.held:
+                robot.excuses.append((self.scheduler.now / SECOND, "cancel"))
         self._rested = self._rested + seconds if len(self.lines) == self._told and not self._is_busy() else 0.0
         self._told = len(self.lines)
 
@@ -258,7 +265,7 @@ class Team:
 
     def _does(self, step: Step) -> bool:
         """Whether a step has an effect, which follows."""
-        if step.kind in DISK_FAULTS and not self.robots[step.target].durable:
+        if step.kind in (*DISK_FAULTS, "removed") and not self.robots[step.target].durable:
             return False
         match step.kind:
             case "start":
@@ -305,11 +312,19 @@ class Team:
             case "read-only":
                 self.machines[step.target].disk.trouble = errno.EROFS
                 self._later(step.value, partial(setattr, self.machines[step.target].disk, "trouble", 0))
+            case "removed":
+                robot, disk = self.robots[step.target], self.machines[step.target].disk
+                if disk.trouble or robot.engine is None or robot.engine.resuming or robot.engine._no_memory:
+                    return False  # all that it had would be lost with it
+                disk.remove_all()
+                self._later(step.value, partial(setattr, disk, "trouble", 0))
             case "memory":
                 robot = self.robots[step.target]
                 if robot.engine is None or robot.process is None:
                     return False
                 robot.process.soon(robot.engine._on_no_memory)
+                robot.excuses.append((self.scheduler.now / SECOND, "crash"))
+                robot.spoilt |= robot.machine.disk.removed
             case "stop":
                 process = self.robots[step.target].process
                 if process is None or process.stopped:
@@ -344,9 +359,10 @@ class Team:
         return True
 
     def _phase(self, step: Step) -> str:
-        """A kind of fault, and in which phase of a deployment it strikes its robot (or the newest sender)."""
+        """A kind of fault or act, and in which phase of a deployment it strikes its robot (or the newest sender)."""
         if step.target in self.robots:
-            return f"{step.kind} / {self._stage(self.robots[step.target].engine)}"
+            kind = step.kind if step.kind != "act" else step.value[0]
+            return f"{kind} / {self._stage(self.robots[step.target].engine)}"
         if step.kind.endswith(PROGRAMS):
             return f"{step.kind} / {'absent' if self._program(step).process is None else 'running'}"
         running = [one.deployment for one in self.senders if one.alive and one.deployment is not None]
@@ -356,6 +372,8 @@ class Team:
         """How far an engine is."""
         if engine is None:
             return "absent"
+        if engine.resuming:
+            return "resuming"
         candidate = engine._protocol.state.candidate
         return engine.state if candidate is None else "holding" if candidate.holds else candidate.stage
 
@@ -407,6 +425,8 @@ class Team:
             process.soon(partial(self._run_program, program, process, wire))
 
     def _run_program(self, program: Program, process: Process, wire: Wire) -> None:
+        for robot in self.robots.values():
+            robot.excuses.append((self.scheduler.now / SECOND, "server"))
         program.node = program.begin(process, wire)
 
     def _strike_program(self, program: Program, how: str, seconds: float) -> bool:
@@ -433,11 +453,22 @@ class Team:
         )
 
     def _begin_server(self, process: Process, wire: Wire) -> ActionServer:
-        """The server of the action `/go`: a goal takes 0.3 s, one that it refuses to cancel 12 s more."""
+        """The server of the action `/go`: a goal takes 0.3 s or 4 s, one that it refuses to cancel 12 s more.
+
+        The service `/ask` takes 0.2 s or 2 s.
+        """
 
         def go(goal: ServerGoal) -> None:
-            self.goals.append((process.name, round(goal.message.pose.pose.position.x)))
-            process.after(3 * SECOND // 10, lambda: goal.id in self.refused or goal.end("succeeded", {}))
+            place = goal.message.pose.pose.position
+            self.goals.append((process.name, round(place.x)))
+            slow = round(place.y) == GOALS["slow"]
+            process.after((40 if slow else 3) * SECOND // 10, lambda: goal.id in self.refused or end_goal(goal))
+
+        def ask(request: Any) -> DeferredResponse:
+            response = DeferredResponse()
+            answer = partial(response.respond, {"success": request.data})
+            process.after((2 if request.data else 20) * SECOND // 10, answer)
+            return response
 
         def end(goal: ServerGoal) -> None:
             self.refused.pop(goal.id, None)
@@ -445,13 +476,16 @@ class Team:
 
         def cancel(goal: ServerGoal) -> bool:
             if self.stubborn and goal.id not in self.refused:
-                self.refused[goal.id] = self.scheduler.now / SECOND
+                robot = goal.message.pose.header.frame_id or "A"
+                self.refused[goal.id] = self.scheduler.now / SECOND, robot
                 process.after(12 * SECOND, partial(end, goal))
             elif not self.stubborn:
                 goal.end("canceled", {})
             return not self.stubborn
 
-        return ActionServer(wire.node("base"), "/go", DRIVE, go, cancel)
+        base = wire.node("base")
+        base.service("/ask", ASK, ask)
+        return ActionServer(base, "/go", DRIVE, go, cancel, accept=accepts)
 
     def _begin_monitor(self, process: Process, wire: Wire) -> ProcessingNode:
         """``fame monitor process``: an alarm for every second count."""
@@ -484,6 +518,7 @@ class Team:
             return
         robot.process, robot.wire = self._process(robot.name, robot.machine)
         robot.began = self.scheduler.now / SECOND
+        robot.excuses.append((robot.began, "crash"))
         self.note(f"{robot.process.name} begins")
         robot.process.soon(partial(self._begin_engine, robot, robot.process, robot.wire))
 
@@ -512,6 +547,8 @@ class Team:
             ),
         )
         self._listen(robot, robot.engine, process)
+        if robot.engine.resuming:
+            self._on_moment(f"{robot.name} resuming")
 
     def _on_report(self, event: Event) -> None:
         """Count the acknowledged signals that have expired, and note who holds."""
@@ -522,24 +559,34 @@ class Team:
             self.note(f"{event.robot}: {event.detail}")
 
     def _on_event(self, robot: Robot, event: Event) -> None:
+        now = self.scheduler.now / SECOND
         if robot.engine is not None:
-            robot.witness.on_event(self.scheduler.now / SECOND, robot.engine, event)
+            robot.witness.on_event(now, robot.engine, event)
+        if event.what == "cancel" or re.search(
+            "; retry: [as]|retried|moved|restarted|taken over|suspended|holds|incident", str(event.detail)
+        ):
+            robot.excuses.append((now, "cancel"))
 
-    def _on_work(self) -> None:
-        """What A does is never done while its mission is held."""
-        engine = self.robots["A"].engine
-        if engine is not None and engine.running is not None and engine.running.engine.held is not None:
-            self.problems.append("A works while its mission is suspended")
+    def _on_effect(self, longest: float, process: str) -> None:
+        """Nothing is done while its mission is held, but what is on its way to the disk, for at most `longest` s."""
+        robot = self.robots[process.partition("#")[0]]
+        if robot.engine is not None and robot.witness.held_for(self.scheduler.now / SECOND, robot.engine) >= longest:
+            self.problems.append(f"{robot.name} works while its mission is suspended")
 
     def _check_refused(self) -> None:
-        """What A has cancelled in vain for longer than `BOUND` is in its reports, unless it was away or stopped."""
-        robot, now = self.robots["A"], self.scheduler.now / SECOND
-        engine, since = robot.engine, max(robot.began, robot.continued) + 1
-        late = [one for one in self.refused.values() if since < one < now - BOUND - 1]
-        if not late or engine is None or engine.running is None or robot.process is None or robot.process.stopped:
-            return
-        if not engine._progress()["warnings"]:
-            self.problems.append("A does not say that a goal still runs which its server does not cancel")
+        """What robots have cancelled in vain for longer than `BOUND` is in their reports, unless they were away."""
+        now = self.scheduler.now / SECOND
+        for time, name in self.refused.values():
+            robot = self.robots[name]
+            engine, since = robot.engine, max(robot.began, robot.continued) + 1
+            away = engine is None or engine.running is None or robot.process is None or robot.process.stopped
+            if (
+                since < time < now - BOUND - 1
+                and engine is not None
+                and not away
+                and not engine._progress()["warnings"]
+            ):
+                self.problems.append(f"{name} does not say that a goal still runs which its server does not cancel")
 
     def _recording(self, robot: Robot, process: Process) -> EngineLog | None:
         """The recording of an engine."""
@@ -568,13 +615,18 @@ class Team:
                     self.note(text)
                     asked.add(text)
                 self.said.append(said)
+                robot.excuses += [(said.time, "cancel")] * (answer in ("ready", "started"))
             publish(answer, deployment, reason, *rest, **more)
-            for step in [step for step in self._armed if step.on == f"{robot.name} {answer}"]:
-                self._armed.remove(step)
-                self._later(0.0, partial(self._do, step))
+            self._on_moment(f"{robot.name} {answer}")
 
         engine.status.publish = published  # type: ignore[method-assign]
         engine._tasks._report = published
+
+    def _on_moment(self, moment: str) -> None:
+        """Do what waits for this."""
+        for step in [step for step in self._armed if step.on == moment]:
+            self._armed.remove(step)
+            self._later(0.0, partial(self._do, step))
 
     def _strike(self, robot: Robot, kind: str, away: float) -> bool:
         """SIGKILL, perhaps with more that happens to the disk, and a restart after a while."""
@@ -611,6 +663,7 @@ class Team:
 
     def _end(self, robot: Robot) -> None:
         assert robot.wire is not None
+        robot.spoilt |= robot.machine.disk.removed  # all that it had is lost with it
         self.fabric.leave(robot.wire)
         robot.machine.disk.release()
         robot.process = robot.wire = robot.engine = None
@@ -708,6 +761,9 @@ class Team:
     def _ended(self, sender: Sender) -> None:
         if sender.deployment is not None and sender.alive:
             outcome = "; ".join(map(str, sender.deployment.robots.values()))
+            idle = all(robot.engine is None or robot.engine.running is None for robot in self.robots.values())
+            if self.plan.mission is not None and sender.deployment.failed and idle and len(self.senders) < 6:
+                self._later(2.0, partial(self.deploy, sender.version))  # a person tries again
             self._leave(sender, f"{'failed' if sender.deployment.failed else 'started'}: {outcome}")
 
     def _leave(self, sender: Sender, text: str) -> None:
@@ -769,7 +825,13 @@ class Team:
             "take_over": {"element": "", "lease": f"lease {number}"},
             "note": {"to": "seen"},
         }.get(act, {"element": ""} if act in ("suspend", "continue") else {})
-        self.acted[act] += 1
+        if act == "steer":  # and gives it back
+            lease = {"lease": f"lease {number}", "who": "person"}
+            taking = [
+                {"act": "take_over", "id": f"{number} {self.scheduler.now} {again}", **lease} for again in range(4)
+            ]
+            self.ask(robot, *taking, {"act": "continue", **lease})
+            return True
         self.ask(robot, {"act": act, "element": place, **more})
         if act in ("suspend", "take_over"):
             self._later(3 + seconds, partial(self.ask, robot, {"act": "continue"}))
