@@ -562,8 +562,10 @@ class Team:
         now = self.scheduler.now / SECOND
         if robot.engine is not None:
             robot.witness.on_event(now, robot.engine, event)
-        if event.what == "cancel" or re.search(
-            "; retry: [as]|retried|moved|restarted|taken over|suspended|holds|incident", str(event.detail)
+        if (
+            event.what == "cancel"
+            or "_handler_" in event.element
+            or re.search("; retry: [as]|retried|moved|restarted|taken over|suspended|holds|incident", str(event.detail))
         ):
             robot.excuses.append((now, "cancel"))
 
