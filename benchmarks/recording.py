@@ -3,7 +3,7 @@
     python benchmarks/recording.py [run] [engine] [large] [--pairs N] [--missions A,B]
 
 run     `fame run` with and without ``--log``, alternately: CPU of all its processes and wall clock, medians of pairs.
-        A recorded run as fast as possible may take 1.5 times an unrecorded one
+        A recorded run as fast as possible may take 1.4 times the CPU of an unrecorded one
 engine  CPU of engines over DDS in alternate spans with and without a page: one that waits, one with 10 steps a second,
         one of the ground vehicles. Being watched may take 2 % of a core
 large   a recording of 4 GB: time and memory of opening it and of a state in its middle (needs 4 GB of disk)

@@ -71,7 +71,7 @@ def service_places(process: CheckedProcess) -> Iterator[ServicePlace]:
                     node,
                     called is not None,
                     service,
-                    {**{name: own[name] for name in own.keys() - unset}, **given},
+                    {**{name: value for name, value in own.items() if name not in unset}, **given},
                 )
 
 

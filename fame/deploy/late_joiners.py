@@ -211,7 +211,7 @@ class LateJoiners:
     def _poll(self) -> None:
         self._next = self.scheduler.after(round(POLL * SECOND), self._poll, Kind.TIMER)
         there = {robot for robot in engines(self.middleware) if any(matches(robot, pool) for pool in self._pools)}
-        for robot in self._engines.keys() - there:
+        for robot in sorted(self._engines.keys() - there):
             self._engines.pop(robot).close()
             self._protocol.handle(Left(robot))
         for robot in sorted(there - self._engines.keys()):

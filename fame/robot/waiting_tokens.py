@@ -86,7 +86,7 @@ class PublisherGaps:
                 del known[topic]
         for topic, names in publishers.items():
             there, left = set(names) - {UNKNOWN_NODE}, self._left.setdefault(topic, {})
-            left.update(dict.fromkeys(self._there.get(topic, there) - there, now))
+            left.update(dict.fromkeys(sorted(self._there.get(topic, there) - there), now))
             for name in sorted(there & left.keys()):
                 self._last[topic] = PublisherGap(name, left.pop(name), now)
             self._there[topic] = there

@@ -222,7 +222,7 @@ class LockstepRounds:
             graph = self._middleware.graph()
             publishers = {name for info in graph if info.name == STEP_DONE for name in info.publishers}
             present = {name.split("/")[1] for name in publishers}
-            for robot in self._seen - present:
+            for robot in sorted(self._seen - present):
                 self.team.pop(robot, None)
                 self._seen.discard(robot)
                 self._finish(robot)
