@@ -1,15 +1,20 @@
 """Detectors compared on a user's own runs, and the best one chosen by the stated rule."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import own_data
 import pytest
 
 from fame.cli import main
 from fame.errors import ConfigError
-from fame.monitor.pipeline.compare import FAULTS, Compared, compare
-from fame.monitor.pipeline.train import Training
+from fame.monitor.model_card import card_of
+from fame.monitor.pipeline.compare import REPEATED, Compared, compare
+from fame.monitor.pipeline.faults import CASES, FAULTS, faulty
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.train import Training, fit
 
 RUNS = [own_data.run(seed) for seed in range(8)]
 QUICK = Training(window=20, samples=2000, epochs=2, hidden=(4, 2, 4), folds=2)
@@ -18,30 +23,71 @@ QUICK = Training(window=20, samples=2000, epochs=2, hidden=(4, 2, 4), folds=2)
 @pytest.mark.long
 def test_every_detector_has_its_figures_and_the_best_comes_first():
     found = compare(RUNS, QUICK, ("pca", "mahalanobis", "ocsvm"))
-    assert {item.detector for item in found} == {"pca", "mahalanobis", "ocsvm"}
-    assert found == sorted(found, key=lambda item: item.order)
-    best = next(item for item in found if item.detector == "mahalanobis")
-    assert (best.runs, best.faults, set(best.found)) == (8, 8 * len(FAULTS), set(FAULTS))
-    assert sum(best.found.values()) > 20
+    items = [item for item, _ in found]
+    assert {item.detector for item in items} == {"pca", "mahalanobis", "ocsvm"}
+    assert items == sorted(items, key=lambda item: item.order)
+    best = next(item for item in items if item.detector == "mahalanobis")
+    assert (best.runs, best.faults, set(best.kinds)) == (8, 8 * len(CASES), set(FAULTS))
+    assert sum(best.kinds.values()) > 40
     assert best.latency is not None
     assert 0 <= best.latency < 10
     assert best.cost > 0
 
 
-def test_false_alarms_come_before_faults_and_these_before_cost():
-    figures = [(1, 9, 1.0), (0, 5, 3.0), (0, 5, 2.0), (0, 7, 9.0)]
+def test_false_alarms_beyond_chance_come_before_faults_and_these_before_cost():
+    figures = [(9, 9, 1.0), (1, 5, 3.0), (0, 5, 2.0), (0, 7, 9.0)]
     items = [
-        Compared(str(n), 10, alarms, {"spike": found}, 0.1, cost) for n, (alarms, found, cost) in enumerate(figures)
+        Compared(str(n), 20, alarms, 0.05, (("spike", "", found, 9),), 0.1, cost)
+        for n, (alarms, found, cost) in enumerate(figures)
     ]
     assert [item.detector for item in sorted(items, key=lambda item: item.order)] == ["3", "2", "1", "0"]
 
 
-def test_too_few_runs_and_runs_that_stand_still_are_refused():
+@pytest.mark.long
+def test_too_few_runs_are_refused_and_a_detector_that_refuses_the_runs_is_left_out():
     with pytest.raises(ConfigError, match="has 3 runs; at least 4 are needed"):
         compare(RUNS[:3], QUICK)
-    still = [run.replace(run.values * 0) for run in RUNS[:4]]
-    with pytest.raises(ConfigError, match="no channel that moves"):
-        compare(still, QUICK)
+    many = Training(window=30, folds=2)
+    wide = [run.replace(np.tile(run.values, 40), names=()) for run in map(_repeating, range(4))]
+    ((only, _),) = compare(wide, many, ("mahalanobis", "knn"))
+    assert only.detector == "knn"
+    with pytest.raises(ConfigError, match="at most 3000 values"):
+        compare(wide, many, ("mahalanobis",))
+
+
+def _repeating(seed: int) -> Samples:
+    random, stamps = np.random.default_rng(seed), np.arange(120) / 20
+    values = np.sin(stamps[:, None] * [1.0, 2.0, 3.0]) + 0.1 * random.standard_normal((120, 3))
+    return Samples(values, stamps, ("a", "b", "c"))
+
+
+def test_without_a_word_the_detector_that_finds_the_most_is_taken_and_the_card_says_what_it_finds():
+    model = fit([_repeating(seed) for seed in range(8)], Training(window=10, folds=2, false_alarms="0.2 per run"))
+    rows = model.conditions["compared"]
+    assert {row["detector"] for row in rows} == set(REPEATED)
+    assert sum(rows[0]["found"].values()) == max(sum(row["found"].values()) for row in rows)
+    assert model.detector_text == f"{rows[0]['detector']} (chosen, as {model.conditions['chosen']})"
+    assert set(card_of(model)["Would be found"]) == set(FAULTS)
+    assert "% of 8 (0.25 deviations); " in card_of(model)["Would be found"]["offset"]
+
+
+def test_several_detectors_count_by_the_thresholds_that_each_has_alone():
+    runs = [_repeating(seed) for seed in range(8)]
+    config = Training(window=10, folds=2, false_alarms="0.2 per run", detector="any of phase, knn")
+    both = fit(runs, config)
+    single = [fit(runs, replace(config, detector=name, false_alarms="0.05 per run")) for name in ("phase", "knn")]
+    assert np.allclose(both.detector.usual, [model.calibration.thresholds for model in single])
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_a_fault_changes_a_run_from_its_middle_on(kind: str):
+    run = _repeating(0)
+    for size in FAULTS[kind].sizes:
+        changed = faulty(run, 1, (kind, size), np.arange(3), run.values.mean(axis=0), run.values.std(axis=0))
+        count = len(changed)
+        assert np.allclose(changed.values[:60], run.values[:60])
+        assert not np.allclose(changed.values[60:], run.values[60:count])
+        assert np.isfinite(changed.values).all()
 
 
 @pytest.mark.long

@@ -55,21 +55,6 @@ def test_the_score_of_a_run_by_several_is_in_units_of_their_thresholds(rule: str
     assert Several(rule, (), np.array([[2.0], [4.0]])).score([1.0, 6.0]) == score
 
 
-@pytest.mark.parametrize("rule", ["any of", "all of"])
-def test_each_of_several_counts_relative_to_windows_that_it_has_not_learned(rule: str):
-    several = fit_detector(f"{rule} knn, mahalanobis", windows()[:300], QUICK)
-    assert isinstance(several, Several)
-    for part, usual in zip(several.parts, several.usual, strict=True):  # knn stores all 300: these have no loss
-        assert 0.3 < (part.loss(windows()[300:]) / usual).max() < 3
-
-
-def test_several_learn_without_the_runs_that_they_are_measured_on():
-    times = np.tile(np.append(np.arange(58.0), [np.nan, np.nan]), 5)  # five runs; behind 58 s no time is known
-    found = fit_detector("any of phase, mahalanobis", windows()[:300], QUICK, times)
-    assert isinstance(found, Several)
-    assert (found.usual > 0).all()
-
-
 def test_the_forest_scores_as_scikit_learn_does():
     from sklearn.ensemble import IsolationForest
 

@@ -151,7 +151,7 @@ def test_elements_come_from_a_column_of_texts(tmp_path: Path, capsys: pytest.Cap
         lines += [f"{stamp},{number},{left},{name},{right}" for stamp, (left, right), name in rows]
     (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
     words = ("--data", tmp_path / "runs.csv", "--element-column", "task", "-o", tmp_path / "m.skops")
-    code, found = told(capsys, "monitor", "train", *words)
+    code, found = told(capsys, "monitor", "train", *words, "--detector", "phase")
     assert (code, found["detector"]) == (0, "phase")
     assert list(TrainedModel.load(tmp_path / "m.skops").elements) == ["wait", "work"]
     lines[-40:] = [line.replace(line.split(",")[2], "1.5") for line in lines[-40:]]

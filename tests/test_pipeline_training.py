@@ -402,6 +402,7 @@ def test_a_detector_that_knows_its_own_runs_only_is_refused_unless_kept(
     ]
     (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
     words = ["monitor", "train", "--data", str(tmp_path / "runs.csv"), "-o", str(tmp_path / "model.skops")]
+    words += ["--detector", "mahalanobis"]
     assert main(words) == 2
     error = capsys.readouterr().err
     assert "of 6 runs the left-out loss is" in error

@@ -14,7 +14,7 @@ from fame.monitor.calibration import LEAST, Calibration, calibrate_runs
 from fame.monitor.copies import copies, run_hash
 from fame.monitor.pipeline.other_estimators import EstimatorDetector
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.train import Training, learned, left_out, losses
+from fame.monitor.pipeline.train import Training, learned, left_out, losses, weighed
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 
@@ -56,6 +56,7 @@ class Detector(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         if runs is not None and (copied := copies(run_hash(part.values) for part in parts)):
             number, first = next(iter(copied.items()))
             raise ValueError(f"expected runs of their own: that of place {number} has the same rows as that of {first}")
+        config = weighed(parts, config, 1.0)
         self.model_: TrainedModel = learned(parts, config, 1.0)
         found = {index: losses(model, parts[index]).values for index, model in left_out(parts, config, 1.0)}
         usual = np.maximum(np.median(np.concatenate([*found.values()]), axis=0), LEAST)

@@ -82,6 +82,7 @@ def _of_windows(model: TrainedModel) -> Card:
             name: f"{threshold:.4g} (largest in training: {most:.4g})"
             for name, threshold, most in zip(model.columns, model.thresholds, largest, strict=True)
         },
+        **({"Would be found": _found(conditions["found"])} if conditions.get("found") else {}),
         "Limits": [
             *warnings_of(model), *(_EXCHANGEABLE if promised else ()),
             f"An anomaly shorter than a window ({window}) is averaged over it.",
@@ -89,6 +90,14 @@ def _of_windows(model: TrainedModel) -> Card:
         "Settings": dict(conditions.get("settings", {})),
         "Versions": dict(model.versions),
     }  # fmt: skip
+
+
+def _found(cases: Sequence[Sequence[Any]]) -> dict[str, str]:
+    """Say of each kind of fault, put into left-out runs, what share was found at which size."""
+    told: dict[str, list[str]] = {}
+    for kind, size, found, tried in cases:
+        told.setdefault(kind, []).append(f"{100 * found / max(tried, 1):.0f} % of {tried} ({size})")
+    return {kind: "; ".join(shares) for kind, shares in told.items()}
 
 
 def _of_points(model: Model) -> Card:

@@ -21,7 +21,6 @@ from fame.errors import NOT_KNOWN, ConfigError, MissionError, UnavailableError
 if TYPE_CHECKING:
     from fame.clock import Scheduler, WallScheduler
     from fame.middleware.interface import Middleware
-    from fame.monitor.pipeline.compare import Compared
     from fame.monitor.pipeline.configuration import Configuration
     from fame.monitor.pipeline.recording import RecordingNode
     from fame.monitor.pipeline.train import Complete, Training
@@ -253,7 +252,7 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         "--detector", metavar="NAME",
         help="phase, 'any of pca, knn', sklearn.ensemble.IsolationForest ... instead of the configuration's Detector; "
-        "without either, phase if there are at least 5 runs that repeat or name elements, else mahalanobis",
+        "without either, the best of some, by a comparison on left-out runs (mahalanobis for fewer than 5 runs)",
     )  # fmt: skip
     parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
     parser.add_argument(
@@ -306,20 +305,21 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
     what was left out of them."""
     from fame.monitor.data_files import hash_files
     from fame.monitor.model_card import origin_of, write_card
+    from fame.monitor.pipeline.compare import ALL
     from fame.monitor.pipeline.train import train
     from fame.monitor.pipeline.trained_model import TrainedModel
     from fame.monitor.pipeline.training_checks import warnings_of
 
     path = arguments.output or Path(training.model)
-    compared: list[Compared] = []
+    compared: list[dict[str, Any]] = []
     if arguments.check:
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(files))
     else:
         with progress_line(sys.stderr) as line:
             progress: Callable[[str], object] = line.write if line is not None else print
-            compared += _compare(training, progress, keep=arguments.keep) if arguments.compare else []
-            training = replace(training, detector=compared[0].detector) if compared else training
-            model = train(training, report=progress, keep=arguments.keep, complete=complete)
+            asked = ALL if arguments.compare else ()
+            model = train(training, report=progress, keep=arguments.keep, complete=complete, detectors=asked)
+        compared = model.conditions.get("compared", [])
         if compared and not arguments.json:
             print(_comparison(compared))
         if not arguments.keep:
@@ -334,7 +334,7 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
     if arguments.plots is not None:
         _plot_training(arguments.plots, model, training)
     if arguments.json:
-        comparison = {"compared": [item.to_plain() for item in compared]} if compared else {}
+        comparison = {"compared": compared} if compared else {}
         print_json(_trained(path, model, replace(training, files=tuple(files)), warnings) | comparison)
         return 0
     for text in warnings:
@@ -365,15 +365,6 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
         text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
         raise ConfigError(text, file=str(configuration.file))
     return replace(training_of(configuration.training, configuration.folder), **given), str(configuration.file)
-
-
-def _compare(training: Training, report: Callable[[str], object], *, keep: bool) -> list[Compared]:
-    from fame.monitor.data_files import read_runs
-    from fame.monitor.pipeline.compare import compare
-    from fame.monitor.pipeline.train import distinct
-
-    runs = read_runs(training.files, training.columns, training.special, undisturbed=True)
-    return compare([runs[number] for number in distinct(runs, keep=keep)], training, report=report)
 
 
 def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: Path) -> None:
@@ -409,19 +400,20 @@ def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int
     write_refused(shown, list(strange.values()), page)
 
 
-def _comparison(compared: Sequence[Compared]) -> str:
+def _comparison(compared: Sequence[Mapping[str, Any]]) -> str:
     """Return the table of a comparison and its rule."""
+    from fame.monitor.pipeline.compare import RULE
+
     rows = [
         (
-            item.detector, f"{item.false_alarms} of {item.runs}", f"{sum(item.found.values())} of {item.faults}",
-            *map(str, item.found.values()), "-" if item.latency is None else f"{item.latency:.3g} s",
-            f"{item.cost:.1f} us",
+            item["detector"], f"{item['false alarms']} of {item['runs']}",
+            f"{sum(item['found'].values())} of {item['faults']}", *map(str, item["found"].values()),
+            "-" if item["latency"] is None else f"{item['latency']:.3g} s", f"{item['cost']:.1f} us",
         )
         for item in compared
     ]  # fmt: skip
-    heads = ("detector", "false alarms", "faults found", *compared[0].found, "latency", "cost per sample")
-    rule = "the best has the fewest false alarms, then finds the most injected faults, then is the cheapest"
-    return f"{table(heads, rows)}\n{compared[0].detector} is used: {rule}\n"
+    heads = ("detector", "false alarms", "faults found", *compared[0]["found"], "latency", "cost per sample")
+    return f"{table(heads, rows)}\n{compared[0]['detector']} is used: {RULE}\n"
 
 
 def _detector_text(model: TrainedModel) -> str:

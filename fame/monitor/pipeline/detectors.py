@@ -26,7 +26,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fame.dataclasses import dataclass
 from fame.errors import ConfigError
@@ -357,8 +356,8 @@ def _usual_depth(count: Whole) -> Floats:
 @dataclass(frozen=True, slots=True)
 class Several:
     """Several detectors: ``any of`` takes the largest loss, ``all of`` the smallest. `usual` (detectors, channels) are
-    the losses that count as 1: the largest of windows that were left out when learning; those of detectors of points
-    are the thresholds on the score of a run."""
+    the losses that count as 1: the thresholds that each would have alone, so that one with heavy tails does not set
+    those of the others; those of detectors of points are the thresholds on the score of a run."""
 
     kind: ClassVar[str] = "several"
     rule: str
@@ -385,28 +384,8 @@ class Several:
     @classmethod
     def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Training, times: Floats | None) -> Several:
         parts = tuple(_KINDS[name].fit(windows, settings, times) for name in names)
-        folds = _folds(len(windows), times)
-        usual = [np.max([_left_out(name, windows, settings, times, fold) for fold in folds], axis=0) for name in names]
+        usual = np.array(settings.usual or np.ones((len(parts), windows.shape[2])))
         return cls(rule, parts, np.maximum(usual, _TINY))
-
-
-_FOLDS = 2
-
-
-def _folds(number: int, times: Floats | None) -> list[NDArray[np.bool_]]:
-    """Divide windows into `_FOLDS` parts. If there are as many runs, each, in which times grow, is in one of them."""
-    ends = np.zeros(number) if times is None else np.nan_to_num(times, nan=np.inf)
-    runs: NDArray[np.int64] = np.cumsum(np.append(0, ends[1:] < ends[:-1]))
-    if runs[-1] + 1 < _FOLDS:
-        runs = np.arange(number)
-    return [np.isin(runs, some) for some in np.array_split(np.unique(runs), _FOLDS)]
-
-
-def _left_out(name: str, windows: Floats, settings: Training, times: Floats | None, fold: NDArray[np.bool_]) -> Floats:
-    """Return the largest losses of some windows, by a detector that learned from all others."""
-    here, others = (None, None) if times is None else (times[fold], times[~fold])
-    losses: Floats = _KINDS[name].fit(windows[~fold], settings, others).loss(windows[fold], here).max(axis=0)
-    return losses
 
 
 # ---- by name ---------------------------------------------------------------------------------------------------------

@@ -41,7 +41,6 @@ from fame.monitor.pipeline.detectors import (
     ACTIVATIONS,
     RULES,
     ChannelAutoencoders,
-    Whitening,
     detector_names,
     draw_lot,
     fit_detector,
@@ -49,6 +48,7 @@ from fame.monitor.pipeline.detectors import (
 )
 from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
+from fame.monitor.pipeline.faults import Tried
 from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.other_estimators import estimator_of
 from fame.monitor.pipeline.phases import Phases, reduced
@@ -77,8 +77,8 @@ class Training:
     run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates, `element_column`
                   the element of the mission that is active
     time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
-    detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the one
-                  that suits the runs (`suited_detector`). Or the class of an estimator of scikit-learn, with its
+    detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the best
+                  of some (`fame.monitor.pipeline.compare.best`). Or the class of an estimator of scikit-learn, with its
                   `parameters`: ``sklearn.ensemble.IsolationForest``
     estimator     of scikit-learn or PyOD, in memory, which is the detector
     window        samples per window
@@ -95,6 +95,7 @@ class Training:
     epochs        passes over these windows, at most
     components    part of the variance that principal components explain
     neighbours    windows that `knn` keeps, at most
+    usual         set by training: of several detectors, the losses that count as 1 for each, per channel (`weighed`)
     """
 
     files: tuple[str, ...] = ()
@@ -122,6 +123,7 @@ class Training:
     components: float = 0.99
     neighbours: int = 4000
     seed: int = 0
+    usual: tuple[tuple[float, ...], ...] = ()
 
     @property
     def special(self) -> Special:
@@ -131,6 +133,8 @@ class Training:
 
 ReportProgress = Callable[[str], object]
 Complete = Callable[[Sequence[LabelledRun], Sequence[str]], Sequence[LabelledRun]]
+PARTS = 0.05
+"""False alarms per run of the thresholds in whose units several detectors count."""
 REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
@@ -141,15 +145,16 @@ def train(
     *,
     keep: bool = False,
     complete: Complete = lambda runs, columns: runs,
+    detectors: Sequence[str] = (),
 ) -> TrainedModel:
     """Learn from the files. The model is not stored. `keep`: copies of runs are dropped instead of refused. `complete`
-    adds to runs what was left out when bags were read.
+    adds to runs what was left out when bags were read. Of several `detectors` the best one is taken.
 
     Raises ConfigError, UnavailableError.
     """
     read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
     runs = [run.samples for run in read if len(run.samples)]
-    model = fit(runs, config, data=hash_files(config.files), report=report, keep=keep)
+    model = fit(runs, config, hash_files(config.files), report, keep=keep, faults=True, detectors=detectors)
     more = {"files": [Path(path).name for path in config.files], "missing": missing(complete(read, model.columns))}
     return replace(model, conditions={**model.conditions, **more})
 
@@ -161,8 +166,11 @@ def fit(
     report: ReportProgress = lambda text: None,
     *,
     keep: bool = False,
+    faults: bool = False,
+    detectors: Sequence[str] = (),
 ) -> TrainedModel:
     """Learn from runs in memory, each with values (n, channels). `data` names their origin, `report` gets progress.
+    `faults`: measure which ones would have been found. Of several `detectors` the best one is taken, by a comparison.
 
     Raises ConfigError, also for copies of runs, which `keep` drops instead.
     """
@@ -170,23 +178,25 @@ def fit(
     places = distinct(runs, keep=keep)
     copied, runs = len(runs) - len(places), [runs[place] for place in places]
     _check_count(runs)
-    chosen = ""
-    if not config.detector and config.estimator is None:
-        detector, chosen = suited_detector(runs)
-        config = replace(config, detector=detector)
+    if detectors or not (config.detector or config.estimator is not None):
+        from fame.monitor.pipeline.compare import best
+
+        model = best(runs, config, detectors, report)
+        return replace(model, data=data, conditions={**model.conditions, "copies": copied})
     rate = rate_of(runs)
     filtered = prepared(runs, config)
+    config = weighed(filtered, config, rate)
     model = learned(filtered, config, rate)
     scores = np.full((len(runs), len(model.columns)), np.nan)
     lone = np.zeros(scores.shape, dtype=bool)
+    tried = Tried(runs) if faults else None
     for index, fold in left_out(filtered, config, rate, report):
         loss = losses(fold, filtered[index], config.stride).values
         scores[index] = loss.max(axis=0, initial=-np.inf)
         lone[index] = lone_peaks(loss, config.window / config.stride)
-    whole = np.flatnonzero(np.isfinite(scores).all(axis=1)).tolist()
-    if len(whole) < 2:
-        text = f"{len(whole)} of {len(runs)} runs have a whole window of {config.window} samples; at least 2 are needed"
-        raise ConfigError(text, element="Training.window")
+        if tried is not None:
+            tried.put(index, partial(_loss_of_raw, fold, config))
+    whole = _whole(scores, config)
     lasted = [float(run.stamps[-1] - run.stamps[0]) for run in runs if len(run)]
     asked = false_alarm_rate(config.false_alarms, float(np.mean(lasted)))
     calibration = calibrate(scores[whole], asked, config.margin)
@@ -200,8 +210,9 @@ def fit(
         "lasted": unlike_durations([runs[index] for index in whole]),
         "jumps": [(places[index], step, at) for index, step, at in jumps(runs)],
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
-        LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied, "chosen": chosen,
+        LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied,
         RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)],
+        **(tried.found(calibration.thresholds) if tried is not None else {}),
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
@@ -225,16 +236,6 @@ def band_of(runs: Sequence[Samples], axis: Axis) -> Band:
     """Return the band of runs, over the axis of phases if they repeat."""
     times = [run_times(run, run.stamps, axis) if len(run) else run.stamps for run in runs]
     return Band.of(runs, times if axis or repeats(runs) else None)
-
-
-def suited_detector(runs: Sequence[Samples]) -> tuple[str, str]:
-    """Return the detector for runs of which nothing else is known, and why: ``phase`` for at least `FEWEST` that repeat
-    or name elements of a mission, else ``mahalanobis``."""
-    if len(runs) < FEWEST:
-        return Whitening.kind, f"the runs are fewer than {FEWEST}"
-    if all(run.elements for run in runs):
-        return Phases.kind, "the runs name elements of the mission"
-    return (Phases.kind, "the runs repeat") if repeats(runs) else (Whitening.kind, "the runs do not repeat")
 
 
 def repeats(runs: Sequence[Samples]) -> bool:
@@ -262,6 +263,7 @@ def prepared(runs: Sequence[Samples], config: Training) -> list[Samples]:
 def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedModel:
     """Learn a detector from filtered runs, without thresholds (they are 1)."""
     every = np.concatenate([run.channels() for run in runs])
+    config = weighed(runs, config, rate)
     mean, scale = every.mean(axis=0), every.std(axis=0)
     scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
     axis = axis_of(runs, config.stride / rate) if Phases.kind in config.detector else {}
@@ -273,6 +275,31 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     return TrainedModel(
         columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before, elements=axis
     )
+
+
+def weighed(runs: Sequence[Samples], config: Training, rate: float) -> Training:
+    """Return settings in which each of several detectors counts in units of the thresholds that it has alone, by the
+    left-out scores of filtered runs; others as they are. Raises ConfigError."""
+    if config.usual or is_class(config.detector) or config.estimator is not None:
+        return config
+    rule, names = detector_names(config.detector)
+    usual = []
+    for name in names if rule else ():
+        single = replace(config, detector=name)
+        found = {at: losses(model, runs[at], config.stride).values for at, model in left_out(runs, single, rate)}
+        scores = np.array([found[at].max(axis=0, initial=-np.inf) for at in range(len(runs))])
+        usual.append(calibrate(scores[_whole(scores, config)], PARTS).thresholds)
+    return replace(config, usual=tuple(usual))
+
+
+def _whole(scores: Floats, config: Training) -> list[int]:
+    """Return the runs that have a score (runs, channels), as they have a whole window. Raises ConfigError if fewer than
+    two."""
+    whole = np.flatnonzero(np.isfinite(scores).all(axis=1)).tolist()
+    if len(whole) < 2:
+        found = f"{len(whole)} of {len(scores)} runs have a whole window of {config.window} samples"
+        raise ConfigError(f"{found}; at least 2 are needed", element="Training.window")
+    return whole
 
 
 def left_out(
@@ -322,7 +349,7 @@ def _moves(runs: Sequence[Samples]) -> Any:
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    kept = {name: value for name, value in settings.items() if name not in ("files", "model", "estimator")}
+    kept = {name: value for name, value in settings.items() if name not in ("files", "model", "estimator", "usual")}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
 
 
@@ -334,6 +361,10 @@ def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
         chain.append(LowPass(cutoff=model.cutoff))
     given = {"x": run.replace(run.channels(), names=model.columns)}
     return processors.run(chain, given).get("loss", Samples(np.zeros((0, len(model.columns))), np.zeros(0)))
+
+
+def _loss_of_raw(model: TrainedModel, config: Training, run: Samples) -> Samples:
+    return losses(model, prepared([run], config)[0], config.stride)
 
 
 def training_of(section: ConfigValue, folder: Path) -> Training:
