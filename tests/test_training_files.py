@@ -16,7 +16,7 @@ import pytest
 from fame.cli import main
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
-from fame.monitor.data_files import Special, read_runs
+from fame.monitor.data_files import Special, read_labelled_runs, read_runs
 from fame.monitor.pipeline import train as training
 from fame.monitor.pipeline.compare import suited
 from fame.monitor.pipeline.train import Training, training_of
@@ -222,3 +222,42 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     (tmp_path / "runs.parquet").write_bytes(b"PAR0")
     assert main(["monitor", "train", "--data", str(tmp_path / "runs.parquet")]) == 2
     assert "is not a Parquet table of numbers" in capsys.readouterr().err
+
+
+def with_texts(path: Path, runs: int = 6, rows: int = 80) -> Path:
+    """Two channels and a column of texts."""
+    random = np.random.default_rng(8)
+    lines = ["stamp,run,a,step,b"]
+    for run in range(runs):
+        values = np.sin(np.arange(rows)[:, None] / [5, 8]) + 0.05 * random.standard_normal((rows, 2))
+        lines += [f"{row / 20:.3f},{run},{a:.5f},Prep,{b:.5f}" for row, (a, b) in enumerate(values)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_text_beside_the_chosen_columns_is_none_of_our_business(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = with_texts(tmp_path / "runs.csv")
+    assert read_runs([file], ("b",))[0].values.shape == (80, 1)
+    words = ["monitor", "train", "--data", str(file), "--detector", "pca", "-o", str(tmp_path / "m.skops")]
+    assert main(words) == 2
+    assert "expected a number in column 'step', got 'Prep'" in capsys.readouterr().err
+    assert main([*words, "--exclude", "step", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["columns"] == ["a", "b"]
+    assert main(["monitor", "judge", str(tmp_path / "m.skops"), str(file)]) in (0, 1, 3)
+
+
+def test_rows_that_are_left_out_are_counted_with_what_they_lack_and_where(tmp_path: Path):
+    (tmp_path / "runs.csv").write_text("stamp,run,a,b\n0,0,1,2\n1,0,inf,3\n2,0,4,\n3,0,4,4\n4,1,1,1\n")
+    bad, good = read_labelled_runs([tmp_path / "runs.csv"])
+    assert bad.lacking == "2 of 4 rows have an empty cell or inf in a, b (line 3 first)"
+    assert good.lacking == ""
+
+
+def test_one_recording_without_runs_is_cut_into_parts(tmp_path: Path):
+    random = np.random.default_rng(3)
+    rows = [f"{n / 50:.3f},{a:.5f},{b:.5f}" for n, (a, b) in enumerate(random.standard_normal((4100, 2)))]
+    (tmp_path / "stream.csv").write_text("\n".join(["stamp,a,b", *rows]) + "\n")
+    config = Training((str(tmp_path / "stream.csv"),), detector="pca", window=10, false_alarms="0.1 per run")
+    model = training.train(config)
+    assert model.conditions["runs"] == 20
+    assert "one recording, cut into 20 parts of 4.08 s: a run is such a part" in warnings_of(model)

@@ -14,7 +14,7 @@ import csv
 import hashlib
 import json
 import re
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from heapq import merge
@@ -32,6 +32,7 @@ from fame.iso8601 import parse_datetime
 from fame.middleware.interface import resolve
 from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
+from fame.monitor.pipeline.join import Join, joined_table
 from fame.monitor.pipeline.processor import ActiveElements, Samples
 from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
 from fame.text import open_file
@@ -66,8 +67,8 @@ class LabelledRun(NamedTuple):
     such column, or its cells there are empty.
 
     `gaps` rows with an empty cell were left out of it; with them it lasted `seconds` (-1: as long as its samples). The
-    others are the share `seen` of its rows, of which those of other topics do not count. `notes` say what else was left
-    out.
+    others are the share `seen` of its rows, of which those of other topics do not count. `lacking` says what the rows
+    that do count lack, and where; `notes` what else was left out.
     """
 
     samples: Samples
@@ -78,6 +79,7 @@ class LabelledRun(NamedTuple):
     labelled: bool = False
     seen: float = 1.0
     notes: tuple[str, ...] = ()
+    lacking: str = ""
 
     @property
     def known(self) -> float:
@@ -94,12 +96,20 @@ class LabelledRun(NamedTuple):
 
 class Special(NamedTuple):
     """The names of the columns that are no channels: of the stamps (dates, or numbers in a unit of `TIME_UNITS`, empty:
-    s unless that is doubtful), the numbers of the runs, and the active element of the mission."""
+    s unless that is doubtful), the numbers of the runs, and the active element of the mission. With `join`, channels
+    of topics with rates of their own are joined by time; columns to `exclude` are not read."""
 
     stamp: str = STAMP
     run: str = RUN
     element: str = ELEMENT
     unit: str = ""
+    join: Join | None = None
+    exclude: tuple[str, ...] = ()
+
+    @property
+    def unwanted(self) -> tuple[str, ...]:
+        """The columns that are no channels."""
+        return (self.stamp, self.run, self.element, LABEL, "", *self.exclude)
 
 
 _USUAL = Special()
@@ -131,11 +141,14 @@ def read_labelled_runs(
             text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
             raise ConfigError(text, file=str(path))
         if path.suffix == ".parquet":
-            read = _read_parquet(path, special)
+            read = _read_parquet(path, special, columns)
         else:
-            read = read_table(path, recorded=True, stamp=special.stamp, element=special.element)
+            wanted = {*special[:2], LABEL, *columns} if columns else None
+            read = read_table(
+                path, recorded=True, stamp=special.stamp, element=special.element, wanted=wanted, skip=special.exclude
+            )
         names, cells, lines, elements, _ = read
-        channels = tuple(name for name in names if name not in (*special[:3], LABEL, ""))
+        channels = tuple(name for name in names if name not in special.unwanted)
         if found and (more := sorted(set(channels) - set(found))):
             text = f"has columns that the first file lacks, {', '.join(more)}: say which to use (Columns)"
             raise ConfigError(text, file=str(path), line=1)
@@ -155,10 +168,15 @@ def read_labelled_runs(
         torn = ~whole & (np.isfinite(values).any(axis=1) | ~np.isfinite(cells[:, others]).any(axis=1))
         numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
         labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path, lines)
-        if not whole.any():
-            raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
+        if not whole.any() and special.join is None:
+            rates = ": topics with rates of their own need Join: {Rate, Tolerance, Fill}" if torn.any() else ""
+            raise ConfigError(f"has no row with all of {', '.join(columns)}{rates}", file=str(path))
         others_begin = np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1
         for rows in np.split(np.arange(len(values)), np.union1d(others_begin, read.joins)):
+            if special.join is not None:
+                names_of = [elements[row] for row in rows] if elements else []
+                runs.append(_joined(special.join, stamps[rows], values[rows], labels[rows], names_of, columns, path))
+                continue
             kept = rows[whole[rows]]
             _refuse_backward(stamps, kept, path, lines)
             known = stamps[rows][np.isfinite(stamps[rows])]
@@ -168,12 +186,51 @@ def read_labelled_runs(
                 samples, np.where(labels[kept] == -1, -1, 1), str(path), len(rows) - len(kept),
                 float(np.ptp(known)) if len(known) else 0.0, bool(labels[rows].any()),
                 len(kept) / max(1, len(kept) + int(torn[rows].sum())),
+                lacking=_lacking(values[rows], torn[rows], columns, [lines[row] for row in rows[torn[rows]][:1]]),
             ))  # fmt: skip
     for number, run in enumerate(runs if undisturbed else ()):
         if (run.labels == -1).any():
             text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
             raise ConfigError(text, file=run.file)
     return runs
+
+
+def _joined(
+    join: Join, stamps: Floats, cells: Floats, labels: Whole, elements: Sequence[str], columns: Sequence[str],
+    path: Path,
+) -> LabelledRun:  # fmt: skip
+    """Join the rows of a run by time; a row has label and element of the one before it. Raises ConfigError."""
+    order = np.argsort(stamps, kind="stable")
+    order = order[np.isfinite(stamps[order])]
+    if len(fall := np.flatnonzero(np.diff(stamps[np.isfinite(stamps)]) < -join.tolerance)):
+        text = f"expected stamps that grow within a run but for {join.tolerance:g} s (Join: Tolerance), got a fall"
+        raise ConfigError(f"{text} behind {stamps[np.isfinite(stamps)][fall[0]]:.12g}", file=str(path))
+    times, rows = joined_table(stamps[order], cells[order], join)
+    if not len(times):
+        return LabelledRun(Samples(rows, times, tuple(columns)), np.zeros(0, np.int64), str(path))
+    whole = np.isfinite(rows).all(axis=1)
+    before = order[np.maximum(np.searchsorted(stamps[order], times + 1e-9, side="right") - 1, 0)]
+    changes = _changes(stamps[order], [elements[row] for row in order]) if elements else ()
+    samples = Samples(rows[whole], times[whole], tuple(columns), changes)
+    lost = int((~whole).sum())
+    lacking = [name for name, column in zip(columns, rows.T, strict=True) if not np.isfinite(column).all()]
+    text = f"{lost} of {len(times)} rows have no partner in time ({', '.join(lacking)})" if lost else ""
+    return LabelledRun(
+        samples, np.where(labels[before][whole] == -1, -1, 1), str(path), lost, float(np.ptp(times)),
+        bool(labels.any()), float(whole.mean()), lacking=text,
+    )  # fmt: skip
+
+
+def _lacking(values: Floats, torn: Any, columns: Sequence[str], first: Sequence[int]) -> str:
+    """Say what the `torn` rows of a run lack, in which columns, and in which line first."""
+    if not torn.any():
+        return ""
+    lost = values[torn]
+    kinds = (("an empty cell", np.isnan(lost)), ("inf", np.isinf(lost)))
+    what = " or ".join(text for text, there in kinds if there.any())
+    names = [name for name, column in zip(columns, lost.T, strict=True) if not np.isfinite(column).all()]
+    where = f" in {', '.join(names)}" if names else ""
+    return f"{len(lost)} of {len(values)} rows have {what or 'no stamp'}{where} (line {first[0]} first)"
 
 
 def _changes(stamps: Floats, elements: Sequence[str]) -> ActiveElements:
@@ -268,12 +325,16 @@ def rate_of(runs: Sequence[Samples]) -> float:
     return 1 / usual
 
 
-def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, element: str = "") -> CsvTable:
+def read_table(
+    path: Path, *, recorded: bool = False, stamp: str = STAMP, element: str = "", wanted: Collection[str] | None = None,
+    skip: Collection[str] = (),
+) -> CsvTable:  # fmt: skip
     """Read the numbers of a CSV file; in the column `stamp`, dates too, and in that of the `element` texts.
 
     A `recorded` table is one of `fame monitor record`: it has a header, empty cells are NaN, and a partial last line,
-    which a killed writer leaves, is dropped. A repeated header, as in concatenated files, is no row. Raises ConfigError
-    with the line.
+    which a killed writer leaves, is dropped. A repeated header, as in concatenated files, is no row. Texts in columns
+    that are not `wanted` (default: all but those to `skip`) are read as 0: all that counts is that something is there.
+    Raises ConfigError with the line.
     """
     text = _text(path)
     lines = text.splitlines()
@@ -309,7 +370,8 @@ def read_table(path: Path, *, recorded: bool = False, stamp: str = STAMP, elemen
             rows[index] = separator.join(row)
         del head[place]
         names = (*names[:place], *names[place + 1 :])
-    cells = _numbers(rows, numbers, head, path, recorded, separator, stamp)
+    apart = {name for name in names if name in skip or (wanted is not None and name not in wanted)}
+    cells = _numbers(rows, numbers, head, path, recorded, separator, stamp, apart)
     sure = _written_in_seconds(rows[0], separator, names, stamp)
     return CsvTable(names, cells, numbers, tuple(elements), sure)
 
@@ -323,7 +385,7 @@ def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: 
     return _is_date(cell) or (tuple(names[:2]) == (STAMP, RUN) and bool(re.fullmatch(r"-?\d+\.\d{9}", cell)))
 
 
-def _read_parquet(path: Path, special: Special) -> CsvTable:
+def _read_parquet(path: Path, special: Special, wanted: Sequence[str]) -> CsvTable:
     """Read the numbers of a Parquet file; dates in s since 1970. Raises ConfigError, UnavailableError."""
     require("pandas", "pyarrow")
     import pandas as pd
@@ -333,6 +395,10 @@ def _read_parquet(path: Path, special: Special) -> CsvTable:
         elements = (
             tuple(frame.pop(special.element).astype(object).fillna("").astype(str)) if special.element in frame else ()
         )
+        special_names = [special.stamp, special.run, LABEL, *wanted]
+        for name in frame.columns:
+            if name in special.exclude or (wanted and name not in special_names and frame[name].dtype == object):
+                del frame[name]
         dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
         for name in dated:
             frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
@@ -370,6 +436,7 @@ def _numbers(
     gaps: bool,
     separator: str,
     stamp: str,
+    apart: Collection[str],
 ) -> Floats:
     """Parse rows at once, or cell by cell where some are empty or wrong, or dates."""
     width = len(head)
@@ -397,6 +464,9 @@ def _numbers(
                 value = _number(cell, date=name.strip() == stamp, comma=comma) if cell.strip() or not gaps else np.nan
                 rows[-1].append(value)
             except ValueError:
+                if name.strip() in apart:
+                    rows[-1].append(0.0)
+                    continue
                 right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name.strip() == stamp else "a number"
                 where = f" in column {name.strip()!r}" if not _is_number(name) else ""
                 if _is_date(cell):

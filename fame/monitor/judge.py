@@ -69,6 +69,7 @@ class JudgedRun:
     begin           the stamp of the first sample, s
     cut             its file is incomplete: how it went on is not known
     known           the model has learned from it: its verdict says nothing about other runs
+    order           what is wrong with the order of its elements of the mission
     """
 
     number: int
@@ -88,6 +89,7 @@ class JudgedRun:
     begin: float = 0.0
     cut: bool = False
     known: bool = False
+    order: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -101,7 +103,7 @@ class JudgedRun:
 
     @property
     def anomalous(self) -> bool:
-        return bool(self.events)
+        return bool(self.events or self.order)
 
     @property
     def telling(self) -> list[int]:
@@ -203,7 +205,7 @@ class JudgedRuns:
                 {
                     "run": run.number, "file": run.file, "verdict": run.verdict, "share judged": run.share,
                     "score": run.score if run.ratios.size else None, "seconds": run.seconds,
-                    "label": run.label, "onset": run.onset,
+                    "label": run.label, "onset": run.onset, "order": list(run.order),
                     "latency": run.latency, "learned from": run.known, "notes": list(run.notes),
                     "events": [
                         {"kind": each.kind, "start": each.start, "end": each.end, "peak": each.peak,
@@ -358,7 +360,7 @@ def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str) -
 
 
 def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
-    from fame.monitor.pipeline import processors
+    from fame.monitor.pipeline import processors, sequence
     from fame.monitor.pipeline.elements import run_times
     from fame.monitor.pipeline.estimators import Autoencoder
     from fame.monitor.pipeline.filters import LowPass
@@ -390,18 +392,20 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     events = _explained(events, shown, times, model.band, model.window / model.rate)
     if not len(loss) and not any(text.endswith(": not judged") for text in notes):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
-    if run.gaps:
-        notes.append(f"{run.gaps} of {run.gaps + len(samples)} rows have an empty cell: left out")
+    if run.lacking:
+        notes.append(f"{run.lacking}: left out")
     seconds = _seconds(samples.stamps) if run.seconds < 0 else run.seconds
     share = min(run.seen, _share(stamps, model.window / model.rate, seconds, stride / model.rate))
     notes += run.notes
+    order = sequence.judged(run.samples, model.conditions.get("order", {}))
+    notes += order
     shortest = _shortest(model)
     if len(loss) and seconds < CUT * shortest:
         share = min(share, seconds / shortest)
         notes.append(f"cut off before its end: {seconds:.3g} s, training runs last at least {shortest:.3g} s")
     return JudgedRun(
         number, run.file, seconds, events, stamps, ratios, model.columns, notes=tuple(notes), share=share,
-        samples=shown, band=model.band, times=times, begin=begin,
+        samples=shown, band=model.band, times=times, begin=begin, order=tuple(order),
     )  # fmt: skip
 
 

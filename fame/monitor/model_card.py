@@ -87,6 +87,7 @@ def _of_windows(model: TrainedModel) -> Card:
             *warnings_of(model), *(_EXCHANGEABLE if promised else ()),
             f"An anomaly shorter than a window ({window}) is averaged over it.",
         ],
+        **({"Order of elements": [conditions["order_text"]]} if conditions.get("order_text") else {}),
         "Settings": dict(conditions.get("settings", {})),
         "Versions": dict(model.versions),
     }  # fmt: skip

@@ -113,12 +113,14 @@ def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[st
 def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
     from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, is_bag, read_labelled_runs
+    from fame.monitor.pipeline.join import Join
     from fame.monitor.pipeline.recording import RecordingOptions, tables_of
 
     settings = model.conditions.get("settings", {})
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
     unit = getattr(arguments, "time_unit", None) or settings.get("time_unit") or ""
-    special = Special(*(settings.get(name, default) for name, default in names))._replace(unit=unit)
+    join = Join(*settings["join"]) if settings.get("join") else None
+    special = Special(*(settings.get(name, default) for name, default in names))._replace(unit=unit, join=join)
     options = RecordingOptions(namespace=arguments.namespace, elements=bool(model.elements), report=note)
     runs: list[LabelledRun] = []
     for path in paths:
@@ -127,7 +129,7 @@ def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> l
             text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
             raise ConfigError(text, file=str(path))
         with tables_of([path], arguments.config, options) as tables:
-            read = read_labelled_runs(tables.paths, model.columns, Special() if bag else special)
+            read = read_labelled_runs(tables.paths, model.columns, Special(join=join) if bag else special)
             runs += [run._replace(file=str(path)) for run in tables.completed(read, model.columns)]
     return runs
 

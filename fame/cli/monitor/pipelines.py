@@ -249,6 +249,7 @@ def add_train(commands: Commands) -> None:
     )
     parser.add_argument("--time-column", metavar="NAME", help="column of the times, in s or dates (default: stamp)")
     add_time_unit(parser, "s, refused where that is doubtful")
+    parser.add_argument("--exclude", nargs="+", metavar="NAME", help="columns that are no channels, such as texts")
     parser.add_argument(
         "--detector", metavar="NAME",
         help="phase, 'any of pca, knn', sklearn.ensemble.IsolationForest ... instead of the configuration's Detector; "
@@ -358,13 +359,17 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
         raise ConfigError("expected a configuration with the section Training, or --data FILE")
     names = ("run_column", "time_column", "element_column", "time_unit", "detector", "false_alarms")
     given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    if arguments.exclude:
+        given["exclude"] = tuple(arguments.exclude)
     if arguments.data:
-        return Training(files=tuple(map(str, arguments.data)), **given), str(arguments.data[0])
+        join = load(arguments.config).join if arguments.config is not None else None
+        return Training(files=tuple(map(str, arguments.data)), join=join, **given), str(arguments.data[0])
     configuration = load(arguments.configuration)
     if configuration.training is None:
         text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
         raise ConfigError(text, file=str(configuration.file))
-    return replace(training_of(configuration.training, configuration.folder), **given), str(configuration.file)
+    training = training_of(configuration.training, configuration.folder)
+    return replace(training, join=configuration.join, **given), str(configuration.file)
 
 
 def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: Path) -> None:

@@ -18,6 +18,7 @@
     Frequency: 50                            Hz, of the calls                                     (added)
     QoS: {reliability: best_effort}          of all ports; a port may have its own                (added)
     Name: low_pass                           of the node; default: that of the file               (added)
+    Join: {Rate: 50, Fill: hold}             of topics with rates of their own                    (added)
     Training: {...}                          see fame.monitor.pipeline.train                      (added)
 
 An import of an unknown type is looked for as ``<Module>.msg`` beside the file, in ``msg/`` and in
@@ -39,6 +40,7 @@ from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
 from fame.monitor.pipeline import fields
+from fame.monitor.pipeline.join import Join, join_of
 
 KEYS = {
     "Inputs": "name -> topic that is read, with the keys below",
@@ -48,6 +50,7 @@ KEYS = {
     "Frequency": "how often the processor is called, Hz (50)",
     "QoS": "policies of ROS 2 for all topics of the file",
     "Name": "of the node (that of the file)",
+    "Join": "how topics with rates of their own become rows: `{Rate: 50, Tolerance: 0.03, Fill: hold}`",
     "Training": "settings of `fame monitor train`, with the keys below",
 }
 """Of a configuration of a node, with their meanings."""
@@ -108,6 +111,7 @@ class Configuration:
     frequency: float = FREQUENCY
     training: ConfigValue | None = None
     source: Source = _NO_SOURCE
+    join: Join | None = None
 
     @property
     def folder(self) -> Path:
@@ -135,6 +139,7 @@ def load(path: str | Path) -> Configuration:
         frequency=hertz(sections["Frequency"]) if "Frequency" in sections else FREQUENCY,
         training=sections.get("Training"),
         source=document.source,
+        join=join_of(sections["Join"]) if "Join" in sections else None,
     )
 
 

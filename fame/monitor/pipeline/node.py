@@ -23,6 +23,7 @@ from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.fields import Writer, writer
 from fame.monitor.pipeline.input_node import InputNode, ThrottledReport
+from fame.monitor.pipeline.join import Joiner
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import as_samples, assign, make_processors, pair
@@ -133,6 +134,7 @@ class ProcessingNode(InputNode):
         except BaseException:
             super().close()
             raise
+        self._joiner = Joiner(configuration.join, self.report) if configuration.join is not None else None
         self.calls = self.missed = 0
         self._period = round(SECOND / configuration.frequency)
         self._due = scheduler.now + self._period
@@ -178,7 +180,7 @@ class ProcessingNode(InputNode):
             )
         self._due += (late + 1) * self._period
         self.calls += 1
-        inputs = self.take()
+        inputs = self.take() if self._joiner is None else self._joiner.feed(self.take())
         if not inputs or any(map(len, inputs.values())):
             self._execute(inputs)
         self._entries[0] = self.scheduler.at(self._due, self._call, Kind.TIMER)

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from glob import glob
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -50,9 +51,11 @@ from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.faults import Tried
 from fame.monitor.pipeline.filters import LowPass, Windower
+from fame.monitor.pipeline.join import Join
 from fame.monitor.pipeline.other_estimators import estimator_of
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.sequence import order_of
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
 from fame.monitor.pipeline.training_checks import (
     UNLIKE,
@@ -76,6 +79,8 @@ class Training:
     columns       of the files; default all but stamp, run and label
     run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates, `element_column`
                   the element of the mission that is active
+    exclude       columns that are not read, such as texts
+    join          of topics with rates of their own: the section `Join` of the configuration
     time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
     detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the best
                   of some (`fame.monitor.pipeline.compare.best`). Or the class of an estimator of scikit-learn, with its
@@ -105,6 +110,8 @@ class Training:
     time_column: str = STAMP
     element_column: str = ELEMENT
     time_unit: str | None = None
+    exclude: tuple[str, ...] = ()
+    join: Join | None = None
     detector: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     estimator: Any = None
@@ -128,7 +135,8 @@ class Training:
     @property
     def special(self) -> Special:
         """The columns that are no channels."""
-        return Special(self.time_column, self.run_column, self.element_column, self.time_unit or "")
+        names = self.time_column, self.run_column, self.element_column
+        return Special(*names, self.time_unit or "", self.join, self.exclude)
 
 
 ReportProgress = Callable[[str], object]
@@ -154,8 +162,13 @@ def train(
     """
     read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
     runs = [run.samples for run in read if len(run.samples)]
+    cut, runs = len(runs) == 1, parts(runs[0], config.window) if len(runs) == 1 else runs
     model = fit(runs, config, hash_files(config.files), report, keep=keep, faults=True, detectors=detectors)
-    more = {"files": [Path(path).name for path in config.files], "missing": missing(complete(read, model.columns))}
+    told = f"one recording, cut into {len(runs)} parts of {float(np.ptp(runs[0].stamps)):.3g} s: a run is such a part"
+    more = {
+        "cut": [told] if cut else [], "files": [Path(path).name for path in config.files],
+        "missing": missing(complete(read, model.columns)),
+    }  # fmt: skip
     return replace(model, conditions={**model.conditions, **more})
 
 
@@ -212,12 +225,24 @@ def fit(
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
         LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied,
         RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)],
+        **order_of([runs[index] for index in whole], asked),
         **(tried.found(calibration.thresholds) if tried is not None else {}),
     }  # fmt: skip
     return replace(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
         calibration=calibration, conditions=conditions, band=band_of(runs, model.elements),
     )  # fmt: skip
+
+
+CUT = 20
+"""Parts of a recording that is one run, at most; each has as many windows, at least."""
+
+
+def parts(run: Samples, window: int) -> list[Samples]:
+    """Cut one continuous recording into parts of equal length; the run itself if it is too short for two."""
+    count = min(CUT, len(run) // (CUT * window))
+    bounds = np.linspace(0, len(run), max(count, 1) + 1).astype(int)
+    return [Samples(run.values[a:b], run.stamps[a:b], run.names, run.elements) for a, b in pairwise(bounds)]
 
 
 def distinct(runs: Sequence[Samples], *, keep: bool = False) -> list[int]:
@@ -449,6 +474,7 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "samples": partial(ConfigValue.integer, minimum=10),
     "epochs": partial(ConfigValue.integer, minimum=1),
     "margin": partial(ConfigValue.number, above=0),
+    "exclude": _texts,
     "detector": _detector,
     "parameters": _parameters,
     "false_alarms": read_false_alarms,

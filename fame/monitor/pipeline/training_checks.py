@@ -78,7 +78,7 @@ def warnings_of(model: TrainedModel) -> list[str]:
         notes.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
     if dropped := model.conditions.get("copies", 0):
         notes.append(f"{dropped} runs that are copies of others were left out")
-    notes += model.conditions.get("missing", [])
+    notes += model.conditions.get("cut", []) + model.conditions.get("missing", [])
     notes += drifting(model)
     notes += [text] if (text := memorised(model)) else outliers(model).values()
     shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
@@ -96,13 +96,15 @@ def warnings_of(model: TrainedModel) -> list[str]:
 def missing(runs: Sequence[LabelledRun]) -> list[str]:
     """Say how much of the runs is not known, since rows or messages were left out."""
     known = [round(run.known, 3) for run in runs]
-    short = [number for number, share in enumerate(known) if share < WHOLE]
+    short = [number for number, share in enumerate(known) if share < WHOLE or runs[number].lacking]
     if not short:
         return []
     worst = min(short, key=lambda number: known[number])
     run = runs[worst]
-    why = run.notes or (f"{run.gaps} of {run.gaps + len(run.samples)} rows have an empty cell",)
-    found = f"{len(short)} of {len(runs)} runs are not known as a whole, run {worst} to {100 * known[worst]:.0f} %"
+    empty = f"{run.gaps} of {run.gaps + len(run.samples)} rows have an empty cell"
+    why = [*([run.lacking] if run.lacking else []), *run.notes] or [empty]
+    share = f"{100 * known[worst]:{'.0f' if known[worst] < WHOLE else '.4g'}} %"
+    found = f"{len(short)} of {len(runs)} runs are not known as a whole, run {worst} to {share}"
     return [f"{found}: {'; '.join(why)}"]
 
 
