@@ -88,7 +88,7 @@ def test_the_old_name_of_a_monitor_command_works_and_says_the_new_one(name: str,
         ("run --log ", ""),
         ("team stat", "status"),
         ("monitor adm l", "learn"),
-        ("log ", "record convert merge judge"),
+        ("log ", "record convert merge collect judge"),
         ("completion f", "fish"),
     ],
 )

@@ -127,14 +127,15 @@ def test_filtered_runs_keep_their_elements():
     assert list(made.elements) == ["wait", "work"]
 
 
-def test_without_elements_windows_are_judged_by_all_and_an_element_of_no_training_run_is_not_judged():
+def test_without_elements_windows_are_judged_by_all_and_values_in_an_element_of_no_training_run_are_not_judged():
     made, known = mission_model(), mission(70, 3.0)
     bare = losses(made, Samples(known.values, known.stamps, known.names), 5)
     assert len(bare) == len(losses(made, known, 5))
     (judged,) = judge_trained(made, [labelled(mission(70, 3.0, "wait", "sort"))], "m").runs
-    assert judged.verdict == "not judged"
     assert judged.share == pytest.approx(0.5, abs=0.02)
-    assert judged.notes == ("no training run had the element sort: not judged",)
+    order = ("work was left out", "sort is new: no training run had it")
+    assert judged.notes == ("no training run had the element sort: not judged", *order)
+    assert judged.verdict == "anomalous"  # for the order alone
 
 
 def labelled(run: Samples) -> LabelledRun:

@@ -29,7 +29,7 @@ _NOT_KNOWN = "not known"
 def add(commands: Commands) -> None:
     parser = command(
         commands, "inventory", run,
-        examples=("fame team inventory", "fame team inventory --trust team.pub --json"),
+        examples=("fame inventory", "fame inventory --trust team.pub --json"),
         help="list the robots: computer, version, model and the one before it, key, clock offset, free disk, uptime",
     )  # fmt: skip
     add_trust(parser, "say which robots prove their names with a key that this one vouches for; repeatable")

@@ -385,7 +385,7 @@ def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: 
     return _is_date(cell) or (tuple(names[:2]) == (STAMP, RUN) and bool(re.fullmatch(r"-?\d+\.\d{9}", cell)))
 
 
-def _read_parquet(path: Path, special: Special, wanted: Sequence[str]) -> CsvTable:
+def _read_parquet(path: Path, special: Special, wanted: Sequence[str] = ()) -> CsvTable:
     """Read the numbers of a Parquet file; dates in s since 1970. Raises ConfigError, UnavailableError."""
     require("pandas", "pyarrow")
     import pandas as pd

@@ -352,6 +352,7 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
 
 def _training(arguments: Namespace) -> tuple[Training, str]:
     """Return the settings of a configuration or of options, and the file that errors name. Raises ConfigError."""
+    from fame.monitor.data_files import is_bag
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.train import Training, training_of
 
@@ -362,7 +363,8 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
     if arguments.exclude:
         given["exclude"] = tuple(arguments.exclude)
     if arguments.data:
-        join = load(arguments.config).join if arguments.config is not None else None
+        configured = arguments.config is not None and any(map(is_bag, arguments.data))
+        join = load(arguments.config).join if configured else None
         return Training(files=tuple(map(str, arguments.data)), join=join, **given), str(arguments.data[0])
     configuration = load(arguments.configuration)
     if configuration.training is None:
