@@ -353,7 +353,7 @@ def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
 @pytest.mark.parametrize("inner", ["work", ("call", "H")])
 @pytest.mark.parametrize(("code", "said", "told"), [
     ("lost", SERVICE, "service"), ("service", ACTION, "aborted"),
-    ("aborted", ACTION | {"errors": "{service: off}"}, "off"),
+    ("aborted", ACTION | {"errors": "{service: 'off'}"}, "off"),
 ])  # fmt: skip
 def test_a_failure_that_no_error_event_catches_is_told_and_leaves_robots_waiting_as_a_single_fault(
     inner: Step, code: str, said: dict[str, str], told: str

@@ -1,5 +1,6 @@
 """Failures that nothing catches, and codes that nothing knows: an exploration proves nothing about them."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -224,6 +225,51 @@ def test_a_behaviour_whose_error_handler_raises_may_fail() -> None:
     throws = '<scriptTask id="I2" scriptFormat="python"><script>raise ValueError</script></scriptTask>'
     model = goes(CALLS, boundary("Lost"), beside=called(throws + handler))
     assert judged(model, 'never P completes "gave up Lost"').verdict == "refuted"
+
+
+def inner(*leaves: str) -> str:
+    """A process that calls ``Leaf`` once for each of these pieces, which are beside the calls; a leaf throws `lost`."""
+    names = [f"L{number}" for number in range(len(leaves))]
+    calls = "".join(f'<callActivity id="{name}" calledElement="Leaf"/>' for name in names)
+    arrows = "".join(flow(a, b) for a, b in pairwise(["si", *names, "ei"]))
+    ends = '<startEvent id="si"/><endEvent id="ei"/>'
+    return (
+        f'<process id="Inner" isExecutable="true">{ends}{calls}{"".join(leaves)}{arrows}</process>'
+        '<process id="Leaf" isExecutable="true"><startEvent id="sl"/><endEvent id="el"><errorEventDefinition id="Dl" '
+        f'errorRef="Lost"/></endEvent>{flow("sl", "el")}</process>'
+    )
+
+
+def test_what_one_call_of_a_behaviour_catches_another_call_of_it_raises() -> None:
+    caught = (
+        '<boundaryEvent id="AtL0" attachedToRef="L0"><errorEventDefinition id="DL0" errorRef="Lost"/></boundaryEvent>'
+        f"{flow('AtL0', 'L1')}"
+    )
+    model = goes(CALLS, boundary("Lost"), beside=inner(caught, ""))
+    assert judged(model, 'never P completes "gave up Lost"').verdict == "refuted"
+
+
+@pytest.mark.parametrize("errors", ["{rejected: 'nav-busy'}", "{'rejected': nav-busy}", "rejected: nav-busy"])
+def test_codes_of_outcomes_are_read_as_the_robot_reads_them(errors: str) -> None:
+    drive = service(GO, errors=errors).replace('id="Go"', 'id="Drive"')
+    inside = f'<subProcess id="Go"><startEvent id="si"/>{drive}{flow("si", "Drive")}</subProcess>'
+    model = f'<error id="Busy" errorCode="nav-busy"/>{goes(inside, boundary("Busy"))}'
+    assert judged(model, 'never P completes "gave up Busy"').verdict == "refuted"
+
+
+def test_an_escalation_leaves_a_behaviour() -> None:
+    late = '<escalation id="Late" escalationCode="late"/>'
+    at_call = (
+        '<boundaryEvent id="At" attachedToRef="Go" cancelActivity="false"><escalationEventDefinition id="D" '
+        f'escalationRef="Late"/></boundaryEvent><endEvent id="Gave" name="gave up"/>{flow("At", "Gave")}'
+    )
+    late_at_end = (
+        '<process id="Inner" isExecutable="true"><startEvent id="si"/><endEvent id="ei"><escalationEventDefinition '
+        f'id="De" escalationRef="Late"/></endEvent>{flow("si", "ei")}</process>'
+    )
+    assert (
+        judged(f"{late}{goes(CALLS, at_call, beside=late_at_end)}", 'never P completes "gave up"').verdict == "refuted"
+    )
 
 
 def test_a_script_in_javascript_that_throws_may_fail() -> None:

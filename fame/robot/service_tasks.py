@@ -53,7 +53,7 @@ def call_service(
     assert topic is not None
     with _located(task, file):
         (messages.action if is_action(topic.type or "") else messages.service)(_type(task, topic, file))
-    codes, wait = _error_codes(task, file), _wait(task, file)
+    codes, wait = error_codes(task, file), _wait(task, file)
     request = compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
     objects = [item for body in process.body.bodies() for item in body.data_objects if item.id in task.data_outputs]
 
@@ -125,8 +125,8 @@ def _take_feedback(variables: dict[str, Any], names: Iterable[str], feedback: An
         variables[name] = getattr(feedback, name, feedback)
 
 
-def _error_codes(task: Task, file: str) -> Mapping[str | int, str]:
-    """The property ``errors``: outcome or value of ``error_code`` -> code of a BPMN error. Raises ModelError."""
+def error_codes(task: Task, file: str = "") -> Mapping[str | int, str]:
+    """Return the property ``errors``: outcome or value of ``error_code`` -> code of a BPMN error. Raises ModelError."""
     text = task.properties.get("errors", "").strip()
     if not text:
         return {}

@@ -244,13 +244,15 @@ class _Rewriter:
         return AbstractStep(writes=tuple(feedback), results=_sorted(results), codes=_sorted(codes))
 
     def _call(self, call: model.CallActivity, scope: _Scope) -> model.FlowNode:
-        """A call as a step, if what it calls touches no topic of the team."""
+        """A call as a step, if what it calls touches no topic of the team, and throws no escalation to the caller."""
         try:
             called = self.to.library.find(self.home, call)
             processes = [process for _, process in self.to.library.closure(*called)]
         except FameError:  # the compiler refuses it
             return call
         if any(topic in self.to.facts.shared for process in processes for topic, _ in ends_of(process)):
+            return call
+        if any(node.defined(model.EscalationDefinition) for process in processes for node in process.body.walk()):
             return call
         name, codes = step_name(self.home.file, call.id), self._call_codes(call, called, processes, scope)
         self.to.steps[name] = replace(self._call_variables(call, processes), codes=codes)

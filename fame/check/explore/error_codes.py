@@ -6,15 +6,15 @@ those that an error event of the team catches, or a property names. None asks fo
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Set
 
 from fame.bpmn import model
 from fame.bpmn.library import Library
 from fame.dataclasses import dataclass, field
-from fame.errors import FameError
+from fame.errors import FameError, ModelError
 from fame.middleware.messages import is_action
+from fame.robot.service_tasks import error_codes
 from fame.scripting.effects import script_effects
 from fame.scripting.requests import STILL_RUNNING
 
@@ -44,7 +44,7 @@ def service_codes(task: model.Task, wanted: Set[str] | None) -> set[str]:
     if task.service is None:  # of a Python function, or of an external worker
         codes = {"script"} if task.operation or wanted is not None else set[str]()
         return codes if wanted is None else codes & wanted
-    renamed = dict(re.findall(r"(\w+)\s*:\s*([\w.]+)", task.properties.get("errors", "")))
+    renamed = _renamed(task)
     outcomes = {"service", "lost", *_OF_ACTIONS}
     if wanted is None:
         outcomes = {"service", "aborted", "rejected"} if is_action(task.service.type or "") else {"service"}
@@ -52,6 +52,14 @@ def service_codes(task: model.Task, wanted: Set[str] | None) -> set[str]:
     outcomes |= {STILL_RUNNING} if "wait_cancelled" in task.properties else set()
     codes = (outcomes - renamed.keys()) | {*renamed.values()}
     return codes if wanted is None else codes & wanted
+
+
+def _renamed(task: model.Task) -> dict[str | int, str]:
+    """The property ``errors`` as the robot reads it; nothing if it refuses it."""
+    try:
+        return {**error_codes(task)}
+    except ModelError:
+        return {}
 
 
 def named_service_codes(task: model.Task, named: Set[str]) -> set[str]:
@@ -93,19 +101,39 @@ def thrown_by(
     return _Thrown(library, wanted).by_process(home, process)
 
 
+_Key = tuple[str, str]
+"""The file of a process, and its id."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Thrown:
-    """The codes that leave processes and bodies. `seen`: a process that calls itself adds nothing the second time."""
+    """The codes that leave processes and bodies.
+
+    known  of processes, each of which is looked at once, whatever catches its codes where it is called
+    open   those under way: one that calls itself adds nothing the second time
+    cut    those of them that were met again: what depends on that is not known yet for other callers
+    """
 
     library: Library
     wanted: Set[str] | None
-    seen: set[str] = field(default_factory=set)
+    known: dict[_Key, set[str] | None] = field(default_factory=dict)
+    open: set[_Key] = field(default_factory=set)
+    cut: set[_Key] = field(default_factory=set)
 
     def by_process(self, home: model.Definitions, process: model.Process) -> set[str] | None:
-        if process.id in self.seen:
+        key = home.file, process.id
+        if key in self.known:
+            return self.known[key]
+        if key in self.open:
+            self.cut.add(key)
             return set()
-        self.seen.add(process.id)
-        return self._by_body(home, process.body)
+        self.open.add(key)
+        codes = self._by_body(home, process.body)
+        self.open.discard(key)
+        self.cut.discard(key)
+        if not self.cut:
+            self.known[key] = codes
+        return codes
 
     def _by_body(self, home: model.Definitions, body: model.Body) -> set[str] | None:
         at_nodes, of_body = _handlers(body)
