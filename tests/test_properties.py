@@ -50,7 +50,9 @@ WRONG = {
     "A completes within 1e999 s": (20, "expected a time below 30 years, got 1e999"),
     "never A throws /go where id > 1 and": (33, "expected the end of the sentence, got 'and'"),
     'A fails with "blocked"': (9, "an error code needs an element that fails"),
-    "A completes wihtin 5 s": (13, "did you mean 'within'?"),
+    "A completes wihtin 5 s": (20, "got '5'; 'wihtin' is read as an element: did you mean 'within'?"),
+    "A completes wihtin": (13, "A has no element 'wihtin'; known are"),
+    "A fails at within 5 s": (12, "expected an element, by label or id, got 'within'"),
     "A.v > 1": (1, "expected an event here; a condition follows always or never"),
     "distance(A, B) > 1": (1, "expected an event here; a condition follows always or never"),
     "always A.v": (11, "expected one of < <= > >= == !=, got the end of the sentence"),
@@ -84,6 +86,7 @@ WRONG = {
     "between A starts x and B starts y, never A starts until B starts": (51, "expected the end of the sentence"),
     "A starts x only after B starts y with the same id": (34, "expected the end of the sentence, got 'with'"),
     "after A starts x, B throws /done with the same id": (34, "needs two events that throw a message"),
+    'after A starts "with the same", B throws /done with  the same id': (48, "needs two events that throw a message"),
     "A fails at": (11, "expected an element, by label or id, got the end of the sentence"),
     "A completes x B": (15, "expected the end of the sentence, got 'B'"),
     "always A.v[x] > 1": (12, "expected the index of a list, got 'x'"),
@@ -94,6 +97,20 @@ def test_failures_and_cancellations_are_counted_with_and_without_their_element()
     for event in ("A fails", 'A fails at "X"', "A is cancelled", 'A is cancelled at "X"'):
         made = parse(f"{event} at most 2 times")
         assert (made.pattern, made.count, made.main and made.main.text) == ("at most", 2, event)
+
+
+@pytest.mark.parametrize("id", ["wait", "Wait", "width", "match", "reach", "end", "mast", "time1", "afterburn"])
+def test_an_id_may_resemble_a_word_of_the_grammar(id: str) -> None:
+    made = parse(f"after A starts {id}, B completes {id} within 5 s")
+    assert [each.target.text for each in made.occurrences] == [id, id]
+    assert made.bound == 5 * 10**9
+
+
+def test_a_number_may_have_the_exponent_that_python_writes() -> None:
+    assert [each.right.constant for each in parse(f"always A.v < {1e20!r} and A.v > -2.5E-3").condition] == [
+        1e20,
+        -2.5e-3,
+    ]
 
 
 @pytest.mark.parametrize("sentence", WRONG)

@@ -9,12 +9,14 @@ from fame.properties.sentence import NOWHERE, Comparison, FieldTest, Location, O
 from fame.text import suggestion, topic_of
 
 _TOKEN = re.compile(
-    r'\s*(?:(?P<text>"(?:[^"\\]|\\.)*")|(?P<topic>~?(?:/[A-Za-z_]\w*)+)|(?P<number>-?\d+(?:\.\d+)?(?:[eE]-?\d+)?)'
+    r'\s*(?:(?P<text>"(?:[^"\\]|\\.)*")|(?P<topic>~?(?:/[A-Za-z_]\w*)+)|(?P<number>-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)'
     r"|(?P<name>[^\W\d]\w*)|(?P<sign><=|>=|==|!=|[<>,().\[\]]))"
 )
 _OPERATORS = ("<", "<=", ">", ">=", "==", "!=")
 _VERBS = ("starts", "completes", "fails", "is cancelled", "ends", "throws", "catches", "reports")
 _UNITS = {"ms": 1e6, "s": 1e9, "min": 60e9, "h": 3600e9}
+_GOES_ON = ("within", "until", "before", "only", "each", "at", "with", "and", "where", "after", "times", "time", "most")
+"""Words after an event. An element whose id is one of them is in quotation marks."""
 STARTS = ("after", "between", "always", "never", "exists", "some")
 _LONGEST = 1000
 """Characters of a sentence."""
@@ -49,6 +51,7 @@ class _Parser:
         if len(text) > _LONGEST:
             self._fail(0, f"expected a sentence of at most {_LONGEST} characters, got {len(text)}")
         self._tokens, self._at = list(self._split()), 0
+        self._after_id, self._same_offset = -1, 0
 
     # ---- tokens ------------------------------------------------------------------------------------------------------
 
@@ -76,8 +79,14 @@ class _Parser:
         token = self._next
         asked = bool(words) and token.kind == "name" and token.text not in words
         hint = suggestion(token.text, words) if asked else ""
-        close = f"; {hint}" if hint.startswith("did") else ""
+        close = f"; {hint}" if hint.startswith("did") else self._mistyped()
         self._fail(token.offset, f"expected {what}, got {token.shown}{close}")
+
+    def _mistyped(self) -> str:
+        """Return a hint where the word before was read as an id, and resembles a word of the grammar; else nothing."""
+        word = self._tokens[self._at - 1].text
+        hint = suggestion(word, _GOES_ON) if self._at == self._after_id else ""
+        return f"; {word!r} is read as an element: {hint}" if hint.startswith("did") else ""
 
     def _take(self) -> _Token:
         self._at += 1
@@ -138,7 +147,7 @@ class _Parser:
         """Raise ConfigError where ``with the same`` has no second event, or one without a message."""
         pair = (made.main, made.opens if made.pattern == "exists" else made.other)
         if made.same and any(each is None or each.verb != "throws" for each in pair):
-            self._fail(self._text.find("with the same"), "with the same FIELD needs two events that throw a message")
+            self._fail(self._same_offset, "with the same FIELD needs two events that throw a message")
 
     def _pattern(self) -> dict[str, object]:
         if self._skip("always"):
@@ -174,6 +183,7 @@ class _Parser:
     def _same(self) -> tuple[str | int, ...]:
         if not self._is("with"):
             return ()
+        self._same_offset = self._next.offset
         self._need("with the same")
         return self._path(self._name_of("a field of both messages"))
 
@@ -225,9 +235,9 @@ class _Parser:
         if verb == "reports":
             return verb, self._quoted() if self._next.kind == "text" else Word("", robot.offset), None, ()
         located = verb in ("fails", "is cancelled") and not self._is("at", "most") and self._skip("at")
-        if located and self._next.kind not in ("text", "name"):
-            self._expected("an element, by label or id")
         target = self._element()
+        if located and not target.text:
+            self._expected("an element, by label or id")
         code = None
         if verb == "fails" and self._is("with") and self._tokens[self._at + 1].kind == "text":
             if not target.text:
@@ -241,13 +251,10 @@ class _Parser:
         token = self._next
         if token.kind == "text":
             return self._quoted()
-        words = (
-            "within", "until", "before", "only", "each", "at", "with", "and", "where", "after", "times", "time", "most"
-        )  # fmt: skip
-        if token.kind == "name" and token.text not in words:
-            if suggestion(token.text, words).startswith("did") and "_" not in token.text:
-                self._expected("an element (a label in quotation marks, or an id) or how the sentence goes on", words)
-            return Word(self._take().text, token.offset)
+        if token.kind == "name" and token.text not in _GOES_ON:
+            self._take()
+            self._after_id = self._at
+            return Word(token.text, token.offset)
         return Word("", token.offset)
 
     def _quoted(self) -> Word:
