@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 from bpmn_text import process
+from fame_test_runs import fame_test as run_tests
 
 from fame.cli import main
 from fame.testing.coverage import Coverage, html_report, json_report, text_report
@@ -127,6 +128,45 @@ def test_fame_test_has_the_exit_codes_of_fame(choice: Path, tmp_path: Path, caps
     assert "expected a number from 0 to 100, got '110'" in capsys.readouterr().err
     (tmp_path / "uncovered.yaml").write_text("choice.bpmn: [b]\n")
     assert fame_test(path, "--cov-model") == 2
+
+
+MARKED = """
+import pytest
+
+kept = []
+
+@pytest.mark.requirement("R1")
+@pytest.mark.requirement({})
+def test_left(mission):
+    kept.append(mission.load("choice.bpmn"))
+    kept[0].set(left=True).advance(1)
+
+def test_the_mission_of_the_test_before_has_ended():
+    assert not kept[0].begun
+"""
+
+
+@pytest.mark.parametrize(
+    ("written", "ends"),
+    [
+        ('id="R2"', "2 passed"),
+        ("", "expected the marker requirement(id), got requirement()"),
+        ('ID="R2"', "expected the marker requirement(id), got requirement(ID='R2')"),
+    ],
+)
+def test_a_marker_names_one_requirement_by_position_or_by_name(written: str, ends: str, choice: Path) -> None:
+    (choice.parent / "test_marked.py").write_text(MARKED.format(written))
+    _, output = run_tests("test_marked.py", "--cov-json=cov.json", folder=choice.parent)
+    assert ends in output
+    assert "2 passed" in output
+    assert [*json.loads((choice.parent / "cov.json").read_text())["requirements"]] == (
+        ["R2", "R1"] if ends == "2 passed" else []
+    )
+
+
+def test_coverage_is_collected_where_none_is_demanded(choice: Path, tmp_path: Path) -> None:
+    write_test(tmp_path, "m.set(left=True).advance(1)", "test_none.py")
+    assert "total: 71.4 %" in run_tests("test_none.py", "--cov-fail-under", "0", folder=tmp_path)[1]
 
 
 def test_tests_that_load_no_model_cover_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,7 +47,7 @@ def pytest_configure(config: pytest.Config) -> None:
         for folder in folders:
             register_files(folder)
     wanted = ("cov_model", "cov_model_fail_under", "cov_model_html", "cov_model_json", "cov_model_junit")
-    if any(config.getoption(name) not in (None, False) for name in wanted):
+    if any(value is not None and value is not False for value in map(config.getoption, wanted)):  # 0 is a number
         from fame.errors import FameError
         from fame.testing.coverage import Coverage, read_reasons
 
@@ -85,15 +85,26 @@ def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     loader = MissionLoader(_folder(tmp_path_factory, request.node.name), search, library)
     request.node.stash[_LOADER] = loader
     yield loader
-    coverage = request.config.stash.get(_COVERAGE, None)
-    if coverage is not None:
-        for loaded in loader.loaded:
-            coverage.add(loaded, request.node.nodeid)
-        for mark in request.node.iter_markers("requirement"):
-            coverage.requirements[str(mark.args[0])][request.node.nodeid] = None
-    request.node.user_properties += [(_LEFT_OUT, text) for text in map(_left_out, loader.loaded) if text]
-    del request.node.stash[_LOADER]
-    loader.close()
+    try:
+        coverage = request.config.stash.get(_COVERAGE, None)
+        if coverage is not None:
+            for loaded in loader.loaded:
+                coverage.add(loaded, request.node.nodeid)
+            for mark in request.node.iter_markers("requirement"):
+                coverage.requirements[_requirement(mark)][request.node.nodeid] = None
+        request.node.user_properties += [(_LEFT_OUT, text) for text in map(_left_out, loader.loaded) if text]
+    finally:
+        del request.node.stash[_LOADER]
+        loader.close()
+
+
+def _requirement(mark: pytest.Mark) -> str:
+    """The id in a marker, given by position or name. Fails the test for another marker."""
+    ids = [*mark.args, *mark.kwargs.values()]
+    if len(ids) != 1 or mark.kwargs.keys() - {"id"}:
+        given = ", ".join([*map(repr, mark.args), *(f"{key}={value!r}" for key, value in mark.kwargs.items())])
+        pytest.fail(f"expected the marker requirement(id), got requirement({given})", pytrace=False)
+    return str(ids[0])
 
 
 def _left_out(mission: MissionUnderTest) -> str:
