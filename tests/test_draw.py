@@ -203,6 +203,20 @@ def test_the_symbols_of_the_outcomes_are_explained_below_the_diagram() -> None:
     assert [words(one) for one in root.findall(f"{SVG}text")][-2:] == ["failed", "completed"]
 
 
+def test_the_picture_has_room_for_its_legend_and_for_the_titles_of_its_diagrams() -> None:
+    content = '<startEvent id="S"/><subProcess id="sub" name="Inspect the northern orchard"><task id="t"/></subProcess>'
+    event, below = plane("P", "S 0 0 36 36"), plane("sub", "t 0 0 100 80")
+    for planes, lettering in ((event, "completed"), (event + below, "Inspect the northern orchard")):
+        root = etree.fromstring(
+            draw(read_text(document(f'<process id="P">{content}</process>{planes}')), ["S"]).encode()
+        )
+        (text,) = [one for one in root.findall(f"{SVG}text") if words(one) == lettering]
+        left, size = float(text[0].get("x", "")), float(text.get("font-size", ""))
+        assert float(root.get("width", "")) == pytest.approx(
+            left + text_width(lettering, size) + diagram.MARGIN, abs=0.01
+        )
+
+
 def test_of_several_outcomes_a_failure_gives_the_colour_and_each_has_its_number() -> None:
     root = etree.fromstring(draw(GALLERY, {"task": {"completed": 4, "failed": 1}}).encode())
     assert group(root, "task").find(f"{SVG}rect").get("stroke") == STYLES["failed"].stroke  # type: ignore[union-attr]
@@ -285,14 +299,20 @@ def test_bends_are_round() -> None:
 # ---- names -----------------------------------------------------------------------------------------------------------
 
 
-def alone(content: str, shapes: str) -> etree._Element:
-    """A drawing of a process with this content and these shapes: ``id x y width height`` each."""
+def plane(element: str, shapes: str) -> str:
+    """A diagram of an element with these shapes: ``id x y width height`` each."""
     written = "".join(
         f'<bpmndi:BPMNShape bpmnElement="{id}"><dc:Bounds x="{x}" y="{y}" width="{w}" height="{h}"/></bpmndi:BPMNShape>'
         for id, x, y, w, h in (shape.split() for shape in shapes.split(", "))
     )
-    plane = f'<bpmndi:BPMNDiagram><bpmndi:BPMNPlane bpmnElement="P">{written}</bpmndi:BPMNPlane></bpmndi:BPMNDiagram>'
-    return etree.fromstring(draw(read_text(document(f'<process id="P">{content}</process>{plane}'))).encode())
+    shown = f'<bpmndi:BPMNPlane bpmnElement="{element}">{written}</bpmndi:BPMNPlane>'
+    return f"<bpmndi:BPMNDiagram>{shown}</bpmndi:BPMNDiagram>"
+
+
+def alone(content: str, shapes: str) -> etree._Element:
+    """A drawing of a process with this content and these shapes."""
+    content = f'<process id="P">{content}</process>{plane("P", shapes)}'
+    return etree.fromstring(draw(read_text(document(content))).encode())
 
 
 def lines(root: etree._Element, id: str) -> list[tuple[str, Bounds]]:

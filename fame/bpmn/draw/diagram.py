@@ -76,15 +76,16 @@ def draw(
         if parts:
             title = picture.elements[shown].label if shown in picture.elements else ""
             parts.append(text_lines([title], MARGIN, top, size=14, fill=INK, anchor="start"))
-            top += 28
+            width, top = max(width, text_width(title, 14)), top + 28
         frame = _frame(picture, shapes, edges)
         parts.append(translated(MARGIN - frame.x, top - frame.y, *_plane(picture, shapes, edges)))
         width, top = max(width, frame.width), top + frame.height + 2 * MARGIN
     tallies = [picture.visits.get(shape.element, {}) for shape in definitions.shapes]
     present = [outcome for outcome in OUTCOMES if any(tally.get(outcome) for tally in tallies)]
     if present:
-        parts.append(legend({outcome: words.get(outcome, outcome) for outcome in present}, MARGIN, top))
-        top += 2 * MARGIN
+        explained, wide = legend({outcome: words.get(outcome, outcome) for outcome in present}, MARGIN, top)
+        parts.append(explained)
+        width, top = max(width, wide), top + 2 * MARGIN
     for note in notes:
         parts.append(text_lines([note], MARGIN, top - 7, size=11, fill=INK, anchor="start"))
         width, top = max(width, text_width(note, 11)), top + 1.5 * MARGIN

@@ -252,14 +252,14 @@ def badges_width(tally: Tally) -> float:
     return sum(_width(str(count), symbol=True) + 1 for count in tally.values() if count)
 
 
-def legend(present: Mapping[ElementOutcome, str], x: float, y: float) -> str:
-    """Return the symbols of the given outcomes with their names, starting at (x, y)."""
-    drawn = ""
+def legend(present: Mapping[ElementOutcome, str], x: float, y: float) -> tuple[str, float]:
+    """Return the symbols of the given outcomes with their names, starting at (x, y), and their width (px)."""
+    drawn, left = "", x
     for outcome, name in present.items():
         drawn += translated(x + 8, y, tag("circle", r=8, fill=STYLES[outcome].stroke) + _sign(outcome, _LIGHT))
         drawn += text_lines([name], x + 20, y - 7, size=11, fill=STYLES[outcome].stroke, anchor="start")
         x += 40 + text_width(name, 11)
-    return drawn
+    return drawn, x - 20 - left
 
 
 def _width(content: str, *, symbol: bool) -> float:
