@@ -223,6 +223,15 @@ def test_of_several_outcomes_a_failure_gives_the_colour_and_each_has_its_number(
     assert [words(one.getparent()) for one in root.iter(f"{SVG}title")] == ["completed 4", "failed 1"]
 
 
+def test_the_picture_has_room_for_the_numbers_of_an_event_at_its_edge() -> None:
+    definitions = read_text(document(f'<process id="P"><startEvent id="S"/></process>{plane("P", "S 0 0 36 36")}'))
+    root = etree.fromstring(draw(definitions, {"S": {"failed": 1234, "completed": 5678}}).encode())
+    lefts = [box_of(pill)[0] for pill in group(root, "S").getparent().iter(f"{SVG}rect")]  # type: ignore[union-attr]
+    moved = float(re.findall(r"translate\(([\d.]+)", etree.tostring(root).decode())[0])
+    assert len(lefts) == 2
+    assert moved + min(lefts) >= 0
+
+
 def test_numbers_of_a_run_cover_no_name_of_the_missions() -> None:
     for name in ("agriculture", "ground_vehicles"):
         definitions = read(ROOT / "models" / f"{name}.bpmn")

@@ -191,8 +191,10 @@ def _with_open_subprocesses(picture: Picture, shapes: Sequence[Shape]) -> list[S
 
 
 def _frame(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> Bounds:
-    """The box around everything."""
+    """The box around everything; numbers may extend into the margin."""
     boxes = [shape.bounds for shape in shapes] + [label.box for label in picture.labels.values()]
+    numbers = [box for box in (_counts_box(picture, shape) for shape in shapes) if box is not None]
+    boxes += [Bounds(box.x + BADGE, box.y + 8, box.width - 2 * BADGE, box.height - 16) for box in numbers]
     points = [point for edge in edges for point in edge.waypoints]
     lefts, tops = [box.x for box in boxes] + [x for x, _ in points], [box.y for box in boxes] + [y for _, y in points]
     rights = [box.x + box.width for box in boxes] + [x for x, _ in points]
@@ -221,15 +223,20 @@ def _is_frame(shape: Shape) -> bool:
 
 
 def _counts(picture: Picture, shape: Shape) -> str:
-    """The number of executions with each outcome, at the corner where they cover no name; the upper right one first."""
+    """The number of executions with each outcome."""
+    box = _counts_box(picture, shape)
+    return badges(picture.visits[shape.element], box.x + box.width, box.y + 8) if box is not None else ""
+
+
+def _counts_box(picture: Picture, shape: Shape) -> Bounds | None:
+    """The box of these numbers, at the corner where they cover no name, the upper right one first; None without any."""
     tally = picture.visits.get(shape.element, {})
     if shape.kind in ("participant", "lane") or not any(tally.values()):
-        return ""
+        return None
     box, width = shape.bounds, badges_width(tally)
     rights = (box.x + box.width + BADGE, box.x - BADGE + width)
-    spots = [(right, y) for y in (box.y, box.y + box.height) for right in rights]
-    right, y = min(spots, key=lambda spot: _covered(picture, Bounds(spot[0] - width, spot[1] - 8, width, 16)))
-    return badges(tally, right, y)
+    spots = [Bounds(right - width, y - 8, width, 16) for y in (box.y, box.y + box.height) for right in rights]
+    return min(spots, key=lambda spot: _covered(picture, spot))
 
 
 def _covered(picture: Picture, box: Bounds) -> float:
