@@ -120,7 +120,8 @@ def chosen_of(spec: AdHoc, variables: dict[str, Any]) -> list[Node]:
     if spec.chosen is None:
         return list(spec.entries.values())
     ids = spec.chosen(variables)
-    wrong = [id for id in ids if id not in spec.entries] if isinstance(ids, list | tuple) else [ids]
+    listed = isinstance(ids, list | tuple)
+    wrong = [id for id in ids if not isinstance(id, str) or id not in spec.entries] if listed else [ids]
     if wrong:
         raise ValueError(f"{wrong[0]!r} cannot start: expected a list of any of {', '.join(spec.entries)}")
     return [spec.entries[id] for id in ids]

@@ -141,7 +141,7 @@ def test_a_collection_chooses_what_begins(play: Play) -> None:
     assert run.log == "s p e =completed"
 
 
-@pytest.mark.parametrize("chosen", [["a", "x"], ["k"], "a", None, 7])
+@pytest.mark.parametrize("chosen", [["a", "x"], ["k"], [["a"]], [{}], "a", None, 7])
 def test_what_cannot_begin_is_an_error_of_the_sub_process(play: Play, chosen: object) -> None:
     inner = properties(activities="${chosen}") + ABC + script("k") + path("a k")
     content = ad_hoc(inner) + boundary("x", "p", error()) + path("x e").replace("x_e", "xe")
