@@ -93,9 +93,12 @@ def test_a_publisher_that_is_not_connected_is_told_with_the_reason(field: Field)
     assert lines[1:3] == ["  /order is published by /shop", f"  /order: {why_not}"]
 
 
-def test_an_element_where_no_token_waits_is_refused(field: Field) -> None:
-    with pytest.raises(DeploymentError, match="no token waits at 'Ordr'; did you mean 'Order'"):
-        why(field, CATCH, "Ordr")
+@pytest.mark.parametrize(("name", "similar"), [("Ordr", "Order"), ("order come", "order comes")])
+def test_an_element_where_no_token_waits_is_refused_with_a_similar_id_or_label(
+    field: Field, name: str, similar: str
+) -> None:
+    with pytest.raises(DeploymentError, match=f"no token waits at '{name}'; did you mean '{similar}'"):
+        why(field, CATCH, name)
 
 
 # ---- servers, on every backend -----------------------------------------------------------------------------------

@@ -105,7 +105,8 @@ def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int)
         seconds = max(0.0, (now - token["since"]) / SECOND)
         reasons.append(WaitReason(token, state.path(token["scope"]), label, values, seconds, now))
     if element and not reasons:
-        there = sorted({token["element"] for token in state.tokens.values()})
+        ids = {token["element"] for token in state.tokens.values()}
+        there = sorted((ids | {infos.get(id, UNKNOWN).name for id in ids}) - {""})
         raise DeploymentError(f"no token waits at {element!r}; {suggestion(element, there)}")
     return reasons
 
