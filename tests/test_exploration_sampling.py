@@ -1,7 +1,10 @@
 """When a limit binds: the schedule of a run, fewer robots, random runs."""
 
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from random import Random
+from types import SimpleNamespace
 
 import pytest
 from collaborations import Step, Steps, philosophers, team, text_of, varied
@@ -9,10 +12,13 @@ from compare_explorations import run
 
 import fame
 from fame.check.explore import Exploration
-from fame.check.explore.findings import FAILING
+from fame.check.explore.findings import FAILING, Finding
 from fame.properties.grammar import parse
 from fame.properties.sentence import NOWHERE
+from fame.scenario.explore import run as explored_run
 from fame.scenario.explore.exploration import explore
+from fame.scenario.explore.run import with_run
+from fame.scenario.scenario import Scenario
 
 _SEEDS = 60
 LATE: dict[str, Steps] = {"A": ["timer PT1S", "throw go", "catch done"], "B": ["timer PT2S", "catch go", "throw done"]}
@@ -117,3 +123,32 @@ def test_a_scenario_is_run_itself_as_its_world_decides_how_long_behaviours_take(
     assert explore(scenario, limit=1, delivery="run", samples=False).status == "partial"
     (tmp_path / "late.bpmn").write_text(text_of(robots, accept={"A": "run: somebody ends it"}))
     assert [one.accepted for one in explore(scenario, limit=1).findings if one.kind == "run"] == ["somebody ends it"]
+
+
+def run_beside(
+    folder: Path, robots: dict[str, Steps], seconds: float | None, **accept: str
+) -> tuple[str, list[Finding]]:
+    """What a run of a scenario without a world adds to an exploration: its name, and findings."""
+    (folder / "m.bpmn").write_text(text_of(robots, accept=accept))
+    (folder / "s.yaml").write_text("model: m.bpmn\nduration: 100000000\n")
+    nothing = replace(explore(folder / "m.bpmn", limit=1, samples=False), findings=(), sampled=())
+    found = with_run(nothing, Scenario.load(folder / "s.yaml"), seconds)
+    return found.sampled[0], list(found.findings)
+
+
+@pytest.mark.parametrize("seconds", [None, 600.0])
+def test_a_run_is_found_to_be_stuck_with_a_time_limit_and_without(tmp_path: Path, seconds: float | None) -> None:
+    name, (one,) = run_beside(tmp_path, {"A": ["catch go"]}, seconds)
+    assert name == "a run of the scenario (seed 0)"
+    assert "the mission is stuck: no token can move after 0 simulated seconds" in one.text
+
+
+@pytest.mark.parametrize(("steps", "expected"), [(["error c"], [True]), (["work"], [])])
+def test_of_a_run_that_its_time_limit_cuts_errors_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: Steps, expected: list[bool]
+) -> None:
+    """The wall clock goes on by 1 s each time it is read."""
+    monkeypatch.setattr(explored_run, "time", SimpleNamespace(monotonic=count().__next__))
+    name, found = run_beside(tmp_path, {"A": steps, "B": [("while", ["work"])]}, 5.0)
+    assert name == "a run of the scenario (seed 0), not to its end"
+    assert ["error c was not caught" in one.text for one in found] == expected

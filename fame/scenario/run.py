@@ -43,7 +43,12 @@ _PROGRESS = 0.1  # wall s between two progress reports
 
 
 class Pace(Protocol):
-    """The control of a run: `fame view` lets people pause it, step through it and change its speed."""
+    """The control of a run: `fame view` lets people pause it, step through it and change its speed.
+
+    attended  whether people may act: a run in which nothing moves then waits for them, else it ends as stuck
+    """
+
+    attended: bool
 
     def advance(self, run: Run, until: int) -> None:
         """Run the scheduler until `until` (ns), or less. Called until the run is over."""
@@ -337,7 +342,7 @@ class Run:
         end, reported = round(self.scenario.duration * SECOND), begun
         going = True
         while going:
-            if self.stuck and self._pace is None:
+            if self.stuck and (self._pace is None or not self._pace.attended):
                 self._stuck = True
                 break
             self._advance(min(end, self._next_check()))

@@ -49,6 +49,8 @@ class LiveRun(PageSink):
 
     # ---- the run -----------------------------------------------------------------------------------------------------
 
+    attended = True
+
     def advance(self, run: Run, until: int) -> None:
         """As `fame.scenario.run.Pace` says: `control` decides."""
         self._run = run
@@ -143,6 +145,8 @@ class SameRun:
     If both are the same, `live` then hands over to its pages. It is a `fame.scenario.run.Pace`, and raises ConfigError
     with the first difference. Reports of elements are not compared: another version of FAME has others.
     """
+
+    attended = True
 
     def __init__(self, recording: Recording, time: int, live: LiveRun) -> None:
         self._file, self._time, self._live, self._reached = recording.file, time, live, False

@@ -30,7 +30,8 @@ def with_run(found: Exploration, scenario: Scenario, seconds: float | None) -> E
     ended = ", not to its end" if result.status == "interrupted" else ""
     found = replace(found, sampled=(*found.sampled, name + ended))
     violated = [str(one) for one in result.judgements if one.verdict == "violated"]
-    if result.status in ("completed", "interrupted") and not violated:
+    failed = violated or any(robot.failed for robot in result.robots)
+    if result.status in ("completed", "interrupted") and not failed:
         return found
     text = f"{name} goes wrong: {'; '.join([*violated, *result.messages])}"
     finding = Finding("run", text, accepted=_acceptance(scenario, result), certain=True)
@@ -55,10 +56,14 @@ def _acceptance(scenario: Scenario, result: Result) -> str:
 class _Patience:
     """Lets a run go on for some seconds of the wall clock."""
 
+    attended = False
+
     def __init__(self, seconds: float) -> None:
         self._end = time.monotonic() + seconds
 
     def advance(self, run: Run, until: int) -> None:
-        """Run until `until` (ns), and end the run if the time is over."""
-        run.scheduler.run(until)
-        run.interrupted |= time.monotonic() > self._end
+        """Run until `until` (ns), or end the run if the time is over: a run that has reached its end is not cut."""
+        if time.monotonic() > self._end:
+            run.interrupted = True
+        else:
+            run.scheduler.run(until)
