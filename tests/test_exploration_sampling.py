@@ -125,11 +125,9 @@ def test_a_scenario_is_run_itself_as_its_world_decides_how_long_behaviours_take(
     assert [one.accepted for one in explore(scenario, limit=1).findings if one.kind == "run"] == ["somebody ends it"]
 
 
-def run_beside(
-    folder: Path, robots: dict[str, Steps], seconds: float | None, **accept: str
-) -> tuple[str, list[Finding]]:
+def run_beside(folder: Path, text: str, seconds: float | None) -> tuple[str, list[Finding]]:
     """What a run of a scenario without a world adds to an exploration: its name, and findings."""
-    (folder / "m.bpmn").write_text(text_of(robots, accept=accept))
+    (folder / "m.bpmn").write_text(text)
     (folder / "s.yaml").write_text("model: m.bpmn\nduration: 100000000\n")
     nothing = replace(explore(folder / "m.bpmn", limit=1, samples=False), findings=(), sampled=())
     found = with_run(nothing, Scenario.load(folder / "s.yaml"), seconds)
@@ -138,7 +136,7 @@ def run_beside(
 
 @pytest.mark.parametrize("seconds", [None, 600.0])
 def test_a_run_is_found_to_be_stuck_with_a_time_limit_and_without(tmp_path: Path, seconds: float | None) -> None:
-    name, (one,) = run_beside(tmp_path, {"A": ["catch go"]}, seconds)
+    name, (one,) = run_beside(tmp_path, text_of({"A": ["catch go"]}), seconds)
     assert name == "a run of the scenario (seed 0)"
     assert "the mission is stuck: no token can move after 0 simulated seconds" in one.text
 
@@ -149,6 +147,20 @@ def test_of_a_run_that_its_time_limit_cuts_errors_are_found(
 ) -> None:
     """The wall clock goes on by 1 s each time it is read."""
     monkeypatch.setattr(explored_run, "time", SimpleNamespace(monotonic=count().__next__))
-    name, found = run_beside(tmp_path, {"A": steps, "B": [("while", ["work"])]}, 5.0)
+    name, found = run_beside(tmp_path, text_of({"A": steps, "B": [("while", ["work"])]}), 5.0)
     assert name == "a run of the scenario (seed 0), not to its end"
     assert ["error c was not caught" in one.text for one in found] == expected
+
+
+@pytest.mark.parametrize(("accepting", "expected"), [("b", ""), ("bc", "b is late; c is late")])
+def test_an_accepted_wait_excuses_no_other_wait_of_its_robot(tmp_path: Path, accepting: str, expected: str) -> None:
+    robots: dict[str, Steps] = {"B": [("or", ["throw b", "throw c"], ["work"])]}
+    text = text_of({"A": [("and", ["catch b", "end"], ["catch c", "end"])]} | robots)
+    for name in accepting:
+        given = f'<camunda:property name="accept" value="run: {name} is late; deadlock: {name} is late"/>'
+        kept = f"<extensionElements><camunda:properties>{given}</camunda:properties></extensionElements>"
+        text = text.replace(f'name="{name}">', f'name="{name}">{kept}')
+    _, (one,) = run_beside(tmp_path, text, None)
+    assert (one.accepted, one.text.count("A waits at")) == (expected, 2)
+    found = explore(tmp_path / "m.bpmn", delivery="run").findings
+    assert [one.accepted for one in found if one.kind in FAILING] == [expected], "the search agrees"

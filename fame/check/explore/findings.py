@@ -9,13 +9,13 @@ and a single ``fault`` that leaves others waiting forever. A ``run`` of the scen
 error too. What has no consequence is a note.
 
 An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it. If robots wait
-forever, something at which each of them waits, or its process, has to accept that.
+forever, each element at which one of them waits, or its process, has to accept that.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from itertools import groupby
 from typing import Literal
 
@@ -192,14 +192,9 @@ class ExplorationReport:
 
     def _judged(self, finding: Finding) -> Finding:
         """The finding, accepted if the model says so."""
-        reason = self._reason(finding.kind, [*(place.element for place in finding.places), *finding.processes])
+        elements = [*(place.element for place in finding.places), *finding.processes]
+        reason = next(filter(None, (self.accepts.get(one, {}).get(finding.kind) for one in elements)), "")
         return replace(finding, accepted=reason) if reason else finding
-
-    def _reason(self, kind: FindingKind, elements: Iterable[str]) -> str:
-        """Why one of some elements and processes accepts a finding of a kind; empty if none does."""
-        kinds = (kind, "deadlock") if kind == "lost" else (kind,)
-        return next((self.accepts[one][each] for one in elements if one in self.accepts
-                     for each in kinds if each in self.accepts[one]), "")  # fmt: skip
 
     # ---- robots that wait forever -------------------------------------------------------------------
 
@@ -254,7 +249,7 @@ class ExplorationReport:
                 yield Finding("unstarted", text, places, (self.processes[pool[0]],), tuple(self.runs.to(at).steps))
 
     def _waiting(self, kind: FindingKind, at: int, good: bytearray, run: TracedRun | None = None) -> Finding:
-        """A finding about a state in which robots wait forever, accepted if for each of them something accepts it."""
+        """A finding about a state in which robots wait forever, accepted as `acceptance` says."""
         state = self.explored.states[at]
         steps, after, names = run or self.runs.to(at)
         doomed = next((number for number, one in enumerate(after) if one and not any(good[each] for each in one)), None)
@@ -276,11 +271,10 @@ class ExplorationReport:
             title = "no run completes"
         places = tuple(self.runs.place(element) for _, found in waits for element, _ in dict.fromkeys(found))
         processes = tuple(dict.fromkeys(self.processes[robot] for robot, _ in waits))
-        reasons = [self._reason(kind, [*(element for element, _ in found), self.processes[robot]])
-                   for robot, found in waits]  # fmt: skip
+        robots = [([element for element, _ in found], self.processes[robot]) for robot, found in waits]
         return Finding(kind, f"{title}: {'; '.join(parts)}{after_all}", tuple(dict.fromkeys(places)), processes,
                        tuple(steps), doomed, self.product.options.delivery,
-                       "; ".join(dict.fromkeys(reasons)) if all(reasons) else "",
+                       acceptance(self.accepts, robots, (kind, "deadlock") if kind == "lost" else (kind,)),
                        tuple(names[robot] for robot, _ in waits))  # fmt: skip
 
     def _wait(self, element: str, topic: str) -> str:
@@ -472,6 +466,21 @@ def _after_title(finding: Finding) -> str:
     """The text of a finding about what robots do forever, without its title and reason."""
     text = finding.text.partition(": ")[2].removesuffix(", and nothing will come")
     return text.partition(", and /")[0] + (", forever" if finding.kind != "never" else ", and never complete")
+
+
+def acceptance(
+    accepts: Mapping[str, Mapping[str, str]], robots: Iterable[tuple[Sequence[str], str]], kinds: Sequence[str]
+) -> str:
+    """Return why robots may wait at elements, each robot with its process; empty if not all of it is accepted.
+
+    What an element accepts says nothing about the others of its robot: these may be stuck.
+    """
+
+    def reason(one: str) -> str:
+        return next((accepts[one][kind] for kind in kinds if kind in accepts.get(one, {})), "")
+
+    reasons = [reason(one) or reason(process) for elements, process in robots for one in elements or (process,)]
+    return "; ".join(dict.fromkeys(reasons)) if all(reasons) else ""
 
 
 def _names(names: Iterable[str]) -> str:

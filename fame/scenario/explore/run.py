@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from fame.bpmn.pools import pools_of
 from fame.check.explore import Exploration, Finding
+from fame.check.explore.findings import acceptance
 from fame.check.explore.places import accepted
 from fame.errors import FameError
 from fame.scenario.result import Result
@@ -44,13 +45,9 @@ def _acceptance(scenario: Scenario, result: Result) -> str:
     if violated or result.never_started or result.problems or any(robot.errors for robot in result.robots):
         return ""
     reasons = accepted(scenario.definitions, pools_of(scenario.definitions), scenario.library)
-    given = []
-    for robot in result.robots:
-        if robot.waits:
-            elements = (*(wait.element for wait in robot.waits), scenario.cast[robot.name].process.id)
-            found = [reasons.get(each, {}).get(kind, "") for each in elements for kind in _KINDS]
-            given.append(next(filter(None, found), ""))
-    return "; ".join(dict.fromkeys(given)) if given and all(given) else ""
+    waiting = (([wait.element for wait in robot.waits], robot.name) for robot in result.robots if robot.waits)
+    robots = [(elements, scenario.cast[name].process.id) for elements, name in waiting]
+    return acceptance(reasons, robots, _KINDS)
 
 
 class _Patience:
