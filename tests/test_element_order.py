@@ -10,7 +10,7 @@ from monitor_runs import told
 
 from fame.monitor.model_card import card_of
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.sequence import judged, learned, order_of
+from fame.monitor.pipeline.sequence import FEWEST, judged, learned, order_of, visits
 from fame.monitor.pipeline.train import Training, fit
 
 
@@ -43,7 +43,7 @@ def test_what_is_left_out_repeated_or_in_another_order_is_named(names: str, expe
 
 
 def test_an_element_that_lasts_much_too_long_is_named():
-    found = run("ABCD", 20)
+    found = run("ABCD", 20, end=8.0)
     late = tuple((at + 3.0 * (name in "CD"), name) for at, name in found.elements)
     (text,) = judged(Samples(found.values, found.stamps, found.names, late), USUAL)
     assert text.startswith("B lasted 3.")
@@ -55,11 +55,33 @@ def test_choices_and_loops_of_the_training_are_no_fault():
     assert judged(run("AD", 30), usual) == ["D came after A"]
 
 
-def test_an_order_that_differs_from_run_to_run_is_not_judged():
-    orders = ["ABCDE", "BCDEA", "CDEAB", "DEABC", "EABCD"]
+@pytest.mark.parametrize("orders", [["ABCD", "BCDA", "CDAB", "DABC"], ["ABCDE", "BCDEA", "CDEAB", "DEABC", "EABCD"]])
+def test_an_order_that_differs_from_run_to_run_is_not_judged(orders: list[str]):
     found = order_of([run(names, seed) for seed, names in enumerate(orders)], 0.05)
     assert found["order"] == {}
-    assert found["order_text"].endswith("of 5 runs differ from the order of the others: it is not judged")
+    number = len(orders)
+    assert found["order_text"] == f"{number} of {number} runs differ from the order of the others: it is not judged"
+
+
+def test_a_fewest_number_of_runs_that_agree_is_judged_and_no_order_is_learned_of_less():
+    alike = [run("ABCD", seed) for seed in range(FEWEST)]
+    assert order_of(alike, 0.05)["order_text"] == "0 of 4 runs differ from the order of the others: it is judged"
+    assert order_of(alike[1:], 0.05) == {}
+
+
+def test_as_many_runs_may_differ_as_false_alarms_are_asked_for():
+    runs = [run("ABCD", seed) for seed in range(18)] + [run("ACBD", 18)]
+    assert [bool(order_of(runs, asked)["order"]) for asked in (0.11, 0.09)] == [True, False], "2 of 20"
+
+
+def test_what_begins_after_the_last_sample_or_ends_before_the_first_is_no_visit():
+    whole = run("ABCD", 20)
+    middle = (whole.stamps > 1.5) & (whole.stamps < 2.5)
+    assert [name for name, *_ in visits(whole)] == [*"ABCD"]
+    seen = visits(whole.replace(whole.values[middle], whole.stamps[middle]))
+    assert [name for name, *_ in seen] == [*"BC"]
+    assert all(long > 0 for *_, long in seen)
+    assert visits(whole.replace(whole.values[:0], whole.stamps[:0])) == []
 
 
 def test_the_card_says_whether_the_order_is_judged_and_a_table_with_elements_is(
