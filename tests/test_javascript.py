@@ -3,6 +3,8 @@
 import math
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -151,6 +153,57 @@ def test_what_python_changes_between_steps_is_seen() -> None:
     del variables["path"]
     with pytest.raises(Exception, match="cannot read property 'length' of undefined"):
         add(variables)
+
+
+SEEN = "const v = this.environment.variables; v.seen = 'x' in v ? {is: v.x} : 'nothing'; next()"
+
+
+@pytest.mark.parametrize(
+    ("given", "change", "seen"),
+    [
+        ({1, 2}, lambda v: v["x"].add(3), {"is": [1, 2, 3]}),
+        (([1],), lambda v: v["x"][0].append(2), {"is": [[1, 2]]}),
+        (Counter("a"), lambda v: v["x"].update("b"), {"is": {"a": 1, "b": 1}}),
+        (bytearray(b"a"), lambda v: v["x"].append(1), {"is": [97, 1]}),
+        (numpy.array([1, 2]), lambda v: v["x"].fill(3), {"is": [3, 3]}),
+        (SimpleNamespace(a=1), lambda v: setattr(v["x"], "a", 2), {"is": {"a": 2}}),
+        (messages.create("std_msgs/msg/String", "a"), lambda v: setattr(v["x"], "data", "b"), {"is": {"data": "b"}}),
+        ([1], lambda v: v["x"].append(len), "nothing"),
+        ([1], lambda v: v["x"].append(v["x"]), "nothing"),
+        ([1], lambda v: v.update(x=math), "nothing"),
+        (5, lambda v: v.update(x=lambda: 1), "nothing"),
+        (5, lambda v: v.update(x=object()), "nothing"),
+        ([len], lambda v: v["x"].clear(), {"is": []}),
+    ],
+)
+def test_what_python_changes_in_place_is_seen_or_gone(given: Any, change: Callable[[Any], None], seen: Any) -> None:
+    look, variables = compile_script(Expression(SEEN, "javascript")), {"x": given}
+    look(variables)
+    change(variables)
+    kept = variables["x"]
+    look(variables)
+    assert variables["seen"] == seen
+    assert variables["x"] is kept
+
+
+def test_what_cannot_be_sent_is_gone_for_a_script_that_names_it_later() -> None:
+    variables: dict[str, Any] = {"x": 5}
+    for unnamed in (5, len):
+        variables["x"] = unnamed
+        compile_script(Expression("next()", "javascript"))(variables)
+    compile_script(Expression(SEEN, "javascript"))(variables)
+    assert (variables["seen"], variables["x"]) == ("nothing", len)
+
+
+@pytest.mark.parametrize("before", [5, [1]])
+def test_a_function_of_another_process_is_gone_here(before: Any) -> None:
+    other: dict[str, Any] = {}
+    compile_script(Expression("this.environment.variables.f = () => 1; next()", "javascript"))(other)
+    look, variables = compile_script(Expression(SEEN, "javascript")), {"x": before}
+    look(variables)
+    variables["x"] = other["f"]
+    look(variables)
+    assert (variables["seen"], variables["x"]) == ("nothing", other["f"])
 
 
 def test_a_variable_that_was_never_set_is_null_to_a_loose_comparison() -> None:

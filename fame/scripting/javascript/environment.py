@@ -2,11 +2,11 @@
 
 An `Environment` is a dict of variables with a copy in JavaScript: before each step only the changes are sent.
 
-Numbers, texts and messages are sent when the dict holds another object, lists and dicts when their JSON text differs;
-anything but numbers and texts only if some script of the realm names it. JavaScript parses the text of a collection
-when a script reads it. After the step, JavaScript returns what it has written. Functions and handles of JavaScript
-(such as a subscription that one script creates and another destroys) are kept in the dict as they are, for its scripts
-only.
+Numbers and texts are sent when the dict holds another object; what may change in place when its JSON text differs, and
+only if some script of the realm names it. What has no JSON text (any more) is deleted in JavaScript. JavaScript parses
+the text of a collection when a script reads it. After the step, JavaScript returns what it has written. Functions and
+handles of JavaScript (such as a subscription that one script creates and another destroys) are kept in the dict as they
+are, for its scripts only.
 
 Invariant: between steps, `_known` equals the dict, in the same order, unless the dict was changed from outside.
 """
@@ -49,22 +49,23 @@ class Environment:
         self.lasting: bool = type(variables) is dict
         self._known: dict[str, Any] = {}
         self._texts: dict[str, str] = {}  # of all collections that were sent
-        self._watched: dict[str, bytes | None] = {}  # mutable ones, with their last `_mark`
+        self._watched: dict[str, bytes | None] = {}  # what may change in place, with its last `_mark`
 
     def changes(self, realm: Realm) -> tuple[str | None, Sequence[str]]:
         """Return the changes to send, as text, and the names of objects of JavaScript, which cannot be sent as text."""
         view = self.variables if self.lasting else _chained(self.variables)
         known = self._known
         if len(known) == len(view) and all(map(is_, known.values(), view.values())) and [*known] == [*view]:
-            collections = self._collections(view) if self._watched else _NOTHING
-            return (encode([{}, collections, []]) if collections else None), ()
+            collections, lost = self._collections(view) if self._watched else (_NOTHING, [])
+            return (encode([{}, collections, lost]) if collections or lost else None), ()
         values, kept = self._compare(view, realm)
         gone = [name for name in known if name not in view]
         self._known = dict(view)
-        for name in (*gone, *values):
+        for name in (*gone, *values, *kept):
             self._texts.pop(name, None)
             self._watched.pop(name, None)
-        return encode([values, self._collections(view), gone]), kept
+        collections, lost = self._collections(view)
+        return encode([values, collections, gone + lost]), kept
 
     def _compare(self, view: dict[str, Any], realm: Realm) -> tuple[dict[str, Any], list[str]]:
         """New numbers and texts, and the names of new objects of JavaScript."""
@@ -79,27 +80,26 @@ class Environment:
             elif is_native(value):
                 kept.append(name)
             elif realm.computed or name in realm.names:
-                self._texts.pop(name, None)
+                self._texts[name] = ""  # of another object, or none
                 self._watched[name] = None
         return values, kept
 
-    def _collections(self, view: dict[str, Any]) -> dict[str, str]:
+    def _collections(self, view: dict[str, Any]) -> tuple[dict[str, str], list[str]]:
+        """The texts of collections that have changed, and the names of those that have no text any more."""
         texts = self._texts
         found: dict[str, str] = {}
+        lost: list[str] = []
         for name, mark in [*self._watched.items()]:
             value = view[name]
-            try:
-                now = marshal.dumps(value, 2)
-                if now == mark:
-                    continue
-            except ValueError:
-                now = None
+            now = _mark(value)
+            if now is not None and now == mark:
+                continue
             self._watched[name], text = now, _text(value)
-            if value.__class__ not in _CHANGING:
-                del self._watched[name]
-            if text is not None and texts.get(name) != text:
+            if text is None:
+                lost += [name] if texts.pop(name, None) is not None else []
+            elif texts.get(name) != text:
                 texts[name] = found[name] = text
-        return found
+        return found, lost
 
     def resend(self) -> None:
         """Send again what no script has named before, since a new script may name it."""

@@ -495,7 +495,11 @@ const host = {
     begin, resume, collect, cancel,
     load: (run, id, type, mode) => ({ run, id, type, mode }),
     open: () => new Environment(),
-    keep: (environment, name, value) => { environment.values[name] = value; },
+    keep(environment, name, value) {
+        if (value === undefined) delete environment.values[name];
+        else environment.values[name] = value;
+        environment.agreed.delete(name);
+    },
     kept: (environment, name) => environment.values[name],
     configure: (text) => { settings = parse(text); },
 };

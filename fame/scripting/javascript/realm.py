@@ -205,8 +205,10 @@ class Realm:
     ) -> Any:
         changes, kept = environment.changes(self)
         for name in kept:
-            with suppress(ValueError):  # it is of another realm
+            try:
                 self._keep(environment.shown, name, environment.variables[name])
+            except ValueError:  # it is of another realm
+                self._keep(environment.shown, name)
         for text in (changes, given):
             if text.__class__ is str:
                 self._digits.remember(text)
