@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import bz2
 import sqlite3
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,28 @@ def test_a_bag_is_read_whatever_indexes_and_chunks_it_has(options: dict[str, Any
     assert positions(bag(tmp_path / "a.mcap", **options)) == [0.0, 1.0, 2.0]
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"repeat_channels": False, "repeat_schemas": False}, {"repeat_schemas": False},
+     {"index_types": IndexType.CHUNK | IndexType.MESSAGE, "use_statistics": False},
+     {"index_types": IndexType.ALL & ~IndexType.ATTACHMENT}, {"index_types": IndexType.ALL & ~IndexType.METADATA}, {}],
+)  # fmt: skip
+def test_what_an_index_leaves_out_is_found_in_the_file(options: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("w+b") as stream:
+        writer = Writer(stream, **options)
+        writer.start()
+        channel = writer.register_channel("/a", "cdr", writer.register_schema("A", "ros2msg", b"int8 x"))
+        writer.add_message(channel, 5, b"abc", 5)
+        writer.add_attachment(0, 0, "file", "text/plain", b"content")
+        writer.add_metadata("fame", {"format": "2"})
+        writer.finish()
+        stream.seek(0)
+        index = mcap_index.read_index(stream, str(path))
+    assert (index.channels[channel].topic, index.schemas[1].name, index.counts) == ("/a", "A", {channel: 1})
+    assert (index.attachments, index.metadata, index.warnings) == ({"file": b"content"}, {"format": "2"}, [])
+
+
 def test_messages_come_by_time_across_chunks(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("wb") as stream:
         writer = Writer(stream, chunk_size=1)
@@ -139,6 +162,45 @@ def test_a_chunk_that_would_unpack_to_too_much_or_to_another_size_is_refused(
     with pytest.raises(ValueError, match="in one chunk"):
         mcap_index.unpack(packed, compression)
     assert len(mcap_index.unpack(packed, compression, 100)) == 101
+
+
+PACKERS: dict[str, Callable[[bytes], bytes]] = {
+    "zstd": zstandard.ZstdCompressor(write_checksum=True).compress, "lz4": lz4_compress, "bz2": bz2.compress
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("compression", PACKERS)
+def test_compressed_data_are_read_to_their_end_or_refused(compression: str) -> None:
+    pack = PACKERS[compression]
+    once, twice = pack(b"a" * 300_000), pack(b"a" * 300_000) + pack(b"") + pack(b"b")
+    assert mcap_index.unpack(twice, compression) == b"a" * 300_000 + b"b"
+    for cut in {*range(len(twice))} - {len(once), len(once + pack(b""))}:
+        with pytest.raises((ValueError, zstandard.ZstdError)):
+            mcap_index.unpack(twice[:cut], compression)
+
+
+def test_frames_of_zstd_that_are_to_be_skipped_are() -> None:
+    skipped = struct.pack("<II", 0x184D2A53, 3) + b"abc"
+    assert mcap_index.unpack(skipped + PACKERS["zstd"](b"a") + skipped, "zstd") == b"a"
+
+
+def test_an_unknown_compression_is_refused() -> None:
+    with pytest.raises(ValueError, match="expected zstd, lz4, bz2 or no compression, got 'gzip'"):
+        mcap_index.unpack(b"abc", "gzip")
+
+
+@pytest.mark.parametrize("in_chunk", [True, False])
+def test_a_message_shorter_than_its_head_is_not_read_on_into_the_next(in_chunk: bool, tmp_path: Path) -> None:
+    records = struct.pack("<BQI", 5, 4, 1) + struct.pack("<BQHIQQ", 5, 25, 1, 0, 7, 7) + b"abc"
+    content = chunk("", records, len(records))
+    place = 8 + 9 + 12 if in_chunk else content.index(records)  # after the magic bytes and the header of the file
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content)
+    with path.open("rb") as stream:
+        with pytest.raises(ConfigError, match=rf"a\.mcap: is damaged at byte {place}: .* 4 bytes"):
+            list(mcap_index.chunk_messages(stream, place, str(path)))
+        stream.seek(0)
+        assert mcap_index.read_index(stream, str(path)).warnings
 
 
 def nested(*, depth: int, times: int = 1) -> str:
@@ -216,7 +278,8 @@ def test_a_folder_is_read_by_its_files_whatever_it_says_of_its_storage(compressi
     data = zstandard.compress(sent) if compression == "message" else sent
     content = bag(folder / "bag_0.mcap", data=data).read_bytes()
     if compression == "file":
-        (folder / "bag_0.mcap").write_bytes(zstandard.compress(content))
+        frames = [zstandard.compress(content[:100]), zstandard.compress(content[100:])]
+        (folder / "bag_0.mcap").write_bytes(b"".join(frames))
     (folder / "metadata.yaml").write_text(
         "rosbag2_bagfile_information:\n  storage_identifier: ''\n  relative_file_paths: [bag_0.mcap]\n"
         f"  compression_mode: {compression}\n  compression_format: zstd\n"

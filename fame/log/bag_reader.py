@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from heapq import merge
+from mmap import ACCESS_READ, mmap
 from operator import itemgetter
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
@@ -20,7 +21,7 @@ from typing import Any, BinaryIO, NamedTuple
 import yaml
 
 from fame.errors import ConfigError, FameError, MessageError
-from fame.log.mcap_index import CHUNK_LIMIT, ChunkPlace, chunk_messages, in_order, read_index, unpack
+from fame.log.mcap_index import CHUNK_LIMIT, ChunkPlace, check_zstd, chunk_messages, in_order, read_index, unpack
 from fame.middleware.definitions import Definition, check_size, check_text, from_rosbags
 from fame.text import open_file
 
@@ -246,9 +247,11 @@ def _unpack_file(path: Path, target: Path) -> None:
 
     with (
         open_file(path) as packed,
+        mmap(packed.fileno(), 0, access=ACCESS_READ) as content,
         target.open("wb") as file,
-        zstandard.ZstdDecompressor().stream_reader(packed) as data,
+        zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as data,
     ):
+        check_zstd(content)
         while part := data.read(1 << 20):
             file.write(part)
             if file.tell() > _FILE_LIMIT or file.tell() > shutil.disk_usage(target.parent).free:
