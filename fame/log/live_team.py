@@ -9,7 +9,7 @@ place of one that ran a mission, that mission is lost, and the robot has an empt
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -33,6 +33,8 @@ DELAY = SECOND // 2
 """How long batches wait for those of other robots (ns)."""
 _DISCOVERY = SECOND // 2
 """Interval of the search for robots (ns)."""
+_MATCHED = SECOND // 2
+"""How long a robot takes at most to find out that somebody listens (ns)."""
 _STRANGE = (ValueError, TypeError, LookupError, AttributeError)
 """Errors raised by a foreign message that is not a batch."""
 RESTARTED = "its engine restarted; its mission is lost"
@@ -58,6 +60,7 @@ class _Source:
     batched: int = 0  # when the last batch came (the same)
     successor: int = -1  # the session of an engine in its place that has no process
     ends: list[Any] = field(default_factory=list)
+    since: int = 0  # when it was subscribed to (ns of the scheduler)
 
 
 class LiveTeam(Closing):
@@ -117,6 +120,11 @@ class LiveTeam(Closing):
         """The robots that were found, in order."""
         return sorted(self._sources)
 
+    def listens(self, robots: Iterable[str]) -> bool:
+        """Return whether robots have been listened to for so long that they know it: what begins now is complete."""
+        since = [self._sources[robot].since if robot in self._sources else self._scheduler.now for robot in robots]
+        return all(self._scheduler.now - each >= _MATCHED for each in since)
+
     def last_time(self, robot: str) -> int:
         """Return the time of a robot's clock in its last batch (ns); 0 without one."""
         return self._sources[robot].time if robot in self._sources else 0
@@ -139,7 +147,7 @@ class LiveTeam(Closing):
         there = {name[1 : -len(suffix)]: name for name in names}
         for robot in sorted(there.keys() - self._sources.keys()):
             if not self._wanted or robot in self._wanted:
-                source = self._sources[robot] = _Source()
+                source = self._sources[robot] = _Source(since=self._scheduler.now)
                 on_batch, on_model = partial(self._on_batch, robot), partial(self._on_model_message, robot)
                 on_status = partial(self._on_status, robot, source)
                 source.ends = [

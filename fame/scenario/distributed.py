@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fame.check.gate import refuse_errors
-from fame.clock import SECOND, Kind, Scheduler, WallScheduler, date_text
+from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler, date_text
 from fame.dataclasses import dataclass
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import GONE, ReportReader
@@ -134,6 +134,7 @@ class DistributedTeam:
         self._told: set[object] = set()
         self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
+        self._deploying: Entry | None = None
         self._ends_with_next_state = False
         self._over = False
         self._until = math.inf  # s, when the duration is over
@@ -312,12 +313,24 @@ class DistributedTeam:
         self._arrivals[robot] = self.scheduler.now
         self.reports[robot] = report if self._deployment is None else self._deployment.source_map(robot).report(report)
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
-            self._deploy()
+            self._deploy_when_recorded()
         elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
             self._check_over()
 
     def _world_is_there(self) -> bool:
         return self.scenario.world is None or self.world is not None
+
+    def _deploy_when_recorded(self) -> None:
+        """Deploy as soon as nothing of it is missed by the recording, by which properties are judged."""
+        if self._recorder is None or self._recorder.team.listens(self.scenario.cast):
+            self._deploy()
+        elif self._deploying is None:
+            self._deploying = self.scheduler.after(SECOND // 20, self._deploy_again, Kind.TIMER)
+
+    def _deploy_again(self) -> None:
+        self._deploying = None
+        if self._deployment is None:
+            self._deploy_when_recorded()
 
     def _deploy(self) -> None:
         self._deployment = Deployment(
