@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, Parser, add_json, add_key, command, positive, private_key
 from fame.cli.network import add_network, connected, wait_until
-from fame.cli.output import print_json, progress_line, table
+from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import DeploymentError
 from fame.text import printable, read_json
 
@@ -77,10 +77,13 @@ def collect(arguments: Namespace) -> int:
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
         wanted = set(arguments.robot)
-        wait_until(scheduler, lambda: wanted <= set(engines(middleware)), _PATIENCE)
+        if not wanted <= set(engines(middleware)):
+            note(f"looking for {', '.join(sorted(wanted - set(engines(middleware))))}, up to {_PATIENCE:g} s")
+            wait_until(scheduler, lambda: wanted <= set(engines(middleware)), _PATIENCE)
         robots = sorted(wanted or engines(middleware))
         if not robots:
             raise DeploymentError("no engine was found")
+        there = set(engines(middleware))
         served = {info.name for info in middleware.graph() if info.publishers}
         node = middleware.node("_fame_collect")
         reports, *_ = subscribe_reports(node, robots, [key.public_key()] if key is not None else [])
@@ -91,7 +94,8 @@ def collect(arguments: Namespace) -> int:
         for robot in robots:
             born = reports[robot].born if robot in reports else 0
             if f"/{robot}/{LOG_TOPIC}" not in served:
-                text = "its engine keeps no recordings (--log), or has an older FAME"
+                why = "its engine keeps no recordings (--log), or has an older FAME"
+                text = why if robot in there else f"no engine of this name was found within {_PATIENCE:g} s"
                 told[robot] = {"files": [], "fetched": 0, "missing": [text]}
                 continue
             source = _Source(robot, node, scheduler, key, born)
@@ -109,6 +113,8 @@ def collect(arguments: Namespace) -> int:
 
 def _fetch_all(source: _Source, arguments: Namespace, remaining: int) -> tuple[dict[str, Any], int]:
     """Fetch the recordings of a robot, the newest first. Returns what is told of it, and the bytes that may follow."""
+    from fame.log.engine_log import FILES
+
     files: list[str] = []
     missing: list[str] = []
     fetched = 0
@@ -116,7 +122,7 @@ def _fetch_all(source: _Source, arguments: Namespace, remaining: int) -> tuple[d
         listed = source.files()
         if not listed:
             missing.append("it keeps no recordings")
-        elif min(found[2] for found in listed) > arguments.since > 0 and len(listed) >= _KEPT_BY_ENGINES:
+        elif min(found[2] for found in listed) > arguments.since > 0 and len(listed) >= FILES:
             oldest = datetime.fromtimestamp(min(found[2] for found in listed), UTC).isoformat(timespec="seconds")
             missing.append(f"what was written before {oldest} may have been deleted: an engine keeps its last files")
         for name, size, _ in reversed([found for found in listed if found[2] >= arguments.since]):
@@ -133,10 +139,6 @@ def _fetch_all(source: _Source, arguments: Namespace, remaining: int) -> tuple[d
     except DeploymentError as error:
         missing.append(str(error))
     return {"files": sorted(files), "fetched": fetched, "missing": missing}, remaining
-
-
-_KEPT_BY_ENGINES = 10
-"""How many files an engine keeps (`fame.log.engine_log.FILES`)."""
 
 
 class _Source:

@@ -34,7 +34,7 @@ class History:
 
     def previous(self) -> Mapping[str, Any]:
         """Return what a report says of the one before that which runs: its `deployment`, the `hash` of its model, and
-        what an `Envelope` has to say as `recalls`; nothing if there is none."""
+        what an `Envelope` has to say as `recalls`; empty for the first deployment."""
         if len(self._started) < 2:
             return {}
         envelope = self._started[-2]
