@@ -79,6 +79,18 @@ def test_if_one_does_not_keep_it_none_goes_back():
     assert {engine.deployed for engine in field.engines.values()} == {"d2"}
 
 
+def test_without_one_of_the_team_that_ran_it_the_others_do_not_go_back():
+    field = Field("A", "B")
+    field.deploy(TEAM)
+    field.deploy(OTHER, "d2", 2)
+    field.pass_time(2)
+    latest = {report.robot: report for report in field.said if report.said}
+    del latest["B"]
+    with pytest.raises(DeploymentError, match=r"^B ran d1 too, and cannot go back: not found; name .* with --to"):
+        deploy_previous(latest, field.scheduler, field.middleware, DeploymentOptions())
+    assert {engine.deployed for engine in field.engines.values()} == {"d2"}
+
+
 @pytest.mark.parametrize("text", ["", "<definitions/>"])
 def test_what_is_not_kept_or_has_a_model_besides_is_refused(text: str):
     envelope = Envelope(deployment="d", sequence=1, robot="A", phase="load", model=text, recalls="0" * 64)

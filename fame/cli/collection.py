@@ -104,7 +104,7 @@ def collect(arguments: Namespace) -> int:
     if arguments.json:
         print_json({"status": "failed" if missing else "completed", "robots": told})
     else:
-        rows = [(robot, str(len(found["files"])), f"{found['fetched'] / 1e6:.1f} MB") for robot, found in told.items()]
+        rows = [(robot, str(len(found["files"])), _megabytes(found["fetched"])) for robot, found in told.items()]
         print(table(("robot", "recordings", "fetched"), rows))
         for robot, found in told.items():
             print(*(f"{robot}: missing: {text}\n" for text in found["missing"]), sep="", end="")
@@ -131,7 +131,7 @@ def _fetch_all(source: _Source, arguments: Namespace, remaining: int) -> tuple[d
             if here > size:
                 missing.append(f"{name}: {path} has {here} bytes, the robot's {size}: it is another file")
             elif size - here > remaining:
-                missing.append(f"{name}: {(size - here) / 1e6:.1f} MB are above --limit")
+                missing.append(f"{name}: {_megabytes(size - here)} are above --limit")
             else:
                 got = source.fetch(name, path, size)
                 fetched, remaining = fetched + got, remaining - got
@@ -207,6 +207,11 @@ class _Source:
             self._answers[str(answer["answer"])] = answer
         except (ValueError, TypeError, KeyError):
             return  # a question, or from a stranger
+
+
+def _megabytes(size: int) -> str:
+    """A size (bytes) with two digits that count, since a recording of a short mission has some kilobytes."""
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 or not size else f"{size / 1e6:.2g} MB"
 
 
 def _name(name: Any) -> str:

@@ -33,12 +33,13 @@ class History:
         return self._started[-KEPT:]
 
     def previous(self) -> Mapping[str, Any]:
-        """Return what a report says of the one before that which runs: its `deployment`, the `hash` of its model, and
-        what an `Envelope` has to say as `recalls`; empty for the first deployment."""
+        """Return what a report says of the one before that which runs: its `deployment`, the `team` that ran it, the
+        `hash` of its model, and what an `Envelope` has to say as `recalls`; empty for the first deployment."""
         if len(self._started) < 2:
             return {}
         envelope = self._started[-2]
-        return {"deployment": envelope.deployment, "hash": envelope.hash, "recalls": _digest(envelope)}
+        said = {"deployment": envelope.deployment, "hash": envelope.hash, "recalls": _digest(envelope)}
+        return {**said, "team": sorted({envelope.robot, *envelope.team})}
 
     def recall(self, envelope: Envelope) -> Envelope:
         """Return an envelope with what it `recalls`. Raises DeploymentError if that is not kept."""

@@ -120,7 +120,8 @@ def deploy_previous(
 ) -> Deployment:
     """Deploy to robots what each ran before, which they keep, by their latest `reports`; all start it, or none.
 
-    Raises DeploymentError if one keeps nothing, or, unless they may have `any_of` several, if they ran different ones.
+    Raises DeploymentError if one keeps nothing, or, unless they may have `any_of` several, if they ran different ones
+    or one of their team is not among them.
     """
     previous: dict[str, Mapping[str, Any]] = {}
     for robot, report in sorted(reports.items()):
@@ -136,6 +137,10 @@ def deploy_previous(
         raise DeploymentError(
             f"the robots ran different deployments before ({text}): name those that go back with --to"
         )
+    team = {str(name) for found in previous.values() for name in found.get("team") or ()}
+    if (absent := sorted(team - previous.keys())) and not any_of:
+        text = f"{', '.join(absent)} ran {ran.popitem()[1]} too, and cannot go back: not found"
+        raise DeploymentError(f"{text}; name those that go back without them with --to")
     plain = replace(options, migrate=False, preview=False, plan={})
     sender = Sender(f"back-{os.getpid()}", scheduler, middleware, plain)
     return _ended(sender.send(previous, lambda _: scheduler.stop()))
