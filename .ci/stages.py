@@ -134,7 +134,7 @@ def run(name: str, output: Path | None = None) -> Outcome:
     return Outcome(name, "FAILED" if code else "passed", seconds, reason or (f"exit code {code}" if code else ""))
 
 
-# ---- what there is ---------------------------------------------------------------------------------------------------
+# ---- stages ----------------------------------------------------------------------------------------------------------
 
 
 def make(*words: str) -> list[str]:
