@@ -174,7 +174,7 @@ class Server(Closing):
         """Return the application, behind its guard."""
         tokens = {self.token: None, **{person.token: person for person in self.people}}
         refusals, scheme = refusals or _RefusalLog(self.source), "https" if self._tls else "http"
-        return _Guard(_routes(self.source, refusals), tokens, self.host, self.port, scheme, refusals)
+        return _Guard(_Endpoints(self.source, refusals).application(), tokens, self.host, self.port, scheme, refusals)
 
 
 def _check_certificate(certificate: Path, key: Path) -> None:
@@ -392,91 +392,112 @@ def _raw(headers: Mapping[str, str]) -> list[tuple[bytes, bytes]]:
 # ---- what they get ---------------------------------------------------------------------------------------------------
 
 
-def _routes(source: PageSource, refusals: _RefusalLog) -> Starlette:
-    from starlette.applications import Starlette
-    from starlette.responses import Response
-    from starlette.routing import Mount, Route, WebSocketRoute
+class _Endpoints:
+    """What one page is answered: its files, JSON of its source, commands, and a WebSocket for what is new."""
 
-    page = files("fame.view") / "page"
+    def __init__(self, source: PageSource, refusals: _RefusalLog) -> None:
+        self._source = source
+        self._refusals = refusals
+        self._files = files("fame.view") / "page"
 
-    async def static(request: Request) -> Response:
+    def application(self) -> Starlette:
+        """Return all routes; below ``/change`` those of the source's second page, if it has one."""
+        from starlette.applications import Starlette
+        from starlette.routing import Mount, Route, WebSocketRoute
+
+        source = self._source
+        change: PageSource | None = getattr(source, "change", None)
+        inner = _OwnPage(_Endpoints(change, self._refusals).application(), self._refusals) if change else None
+        return Starlette(
+            routes=[
+                *([Mount("/change", inner)] if inner is not None else []),
+                Route("/", self._static),
+                Route("/page/{name}", self._static),
+                Route("/mission.json", self._mission),
+                Route("/plane/{number:int}.json", _json_of(source.plane)),
+                Route("/block/{number:int}.json", _json_of(source.block)),
+                Route("/at/{time:int}.json", _json_of(getattr(source, "at", _nothing))),
+                Route("/control", self._control, methods=["POST"]),
+                WebSocketRoute("/live", self._live),
+            ]
+        )
+
+    async def _static(self, request: Request) -> Response:
         name = request.path_params.get("name", "index.html")
-        kind, file = _KINDS.get(Path(name).suffix), page / name
+        kind, file = _KINDS.get(Path(name).suffix), self._files / name
         if kind is None or "/" in name or not file.is_file():
-            return Response("no such file\n", 404, _HEADERS, "text/plain")
-        return Response(file.read_bytes(), 200, _HEADERS, kind)
+            return _not_found("no such file\n")
+        return _response(file.read_bytes(), kind)
 
-    def reply(found: Mapping[str, Any] | bytes, status: int = 200) -> Response:
-        content = found if isinstance(found, bytes) else json_bytes(found)
-        return Response(content, status, _HEADERS, "application/json")
-
-    def answer(make: Callable[..., Mapping[str, Any] | bytes]) -> Callable[[Request], Any]:
-        async def endpoint(request: Request) -> Response:
-            try:
-                found = await asyncio.to_thread(make, *request.path_params.values())
-            except LookupError as error:
-                if type(error) is not LookupError:
-                    raise
-                return Response("no such thing\n", 404, _HEADERS, "text/plain")
-            return reply(found)
-
-        return endpoint
-
-    async def mission(request: Request) -> Response:
-        found, person = dict(await asyncio.to_thread(source.mission)), request.scope["person"]
+    async def _mission(self, request: Request) -> Response:
+        mission, person = dict(await asyncio.to_thread(self._source.mission)), request.scope["person"]
         if person is not None:
-            theirs = [act for act in found.get("control", ()) if act in ("complete", *person.acts)]
-            found |= {"person": person.to_json(), "control": theirs}
-        return reply(found)
+            theirs = [act for act in mission.get("control", ()) if act in ("complete", *person.acts)]
+            mission |= {"person": person.to_json(), "control": theirs}
+        return _json(mission)
 
-    def obey(command: Mapping[str, Any], person: Person | None) -> Mapping[str, Any]:
+    async def _control(self, request: Request) -> Response:
+        try:
+            text = await _body(request)
+            if text is None:
+                return _json({"error": f"longer than {LONGEST} bytes"}, 413)
+            command = read_json(text)
+            if not isinstance(command, dict):
+                raise ValueError
+            return _json(await asyncio.to_thread(self._obey, command, request.scope["person"]))
+        except FameError as error:
+            return _json({"error": str(error)}, 409)
+        except Exception:  # of whatever a page sends
+            return _json({"error": "not a command"}, 400)
+
+    def _obey(self, command: Mapping[str, Any], person: Person | None) -> Mapping[str, Any]:
         """Carry out a command of the page of a person, or of the page that may do everything."""
         who = {"who": str(person)} if person is not None else {}
         if person is not None:
             try:
-                person.check(command, source.tasks(str(command.get("element", ""))))
+                person.check(command, self._source.tasks(str(command.get("element", ""))))
             except FameError as error:
                 text = f"{command.get('do')} refused: {error}, asked for"
                 try:
-                    source.control({"do": "note", "robot": command.get("robot"), "text": text} | who)
+                    self._source.control({"do": "note", "robot": command.get("robot"), "text": text} | who)
                 except Exception:  # of a page without control, or an unknown robot
-                    refusals.add(str(command.get("do"))[:_WHO], str(person))
+                    self._refusals.add(str(command.get("do"))[:_WHO], str(person))
                 raise
-        return source.control({name: value for name, value in command.items() if name != "who"} | who)
+        return self._source.control({name: value for name, value in command.items() if name != "who"} | who)
 
-    async def post(request: Request) -> Response:
-        try:
-            text = await _body(request)
-            if text is None:
-                return reply({"error": f"longer than {LONGEST} bytes"}, 413)
-            command = read_json(text)
-            if not isinstance(command, dict):
-                raise ValueError
-            return reply(await asyncio.to_thread(obey, command, request.scope["person"]))
-        except FameError as error:
-            return reply({"error": str(error)}, 409)
-        except Exception:  # of whatever a page sends
-            return reply({"error": "not a command"}, 400)
-
-    async def live(socket: WebSocket) -> None:
+    async def _live(self, socket: WebSocket) -> None:
         await socket.accept()
-        with suppress(Exception):
-            await _send_news(socket, source)
+        with suppress(Exception):  # of a page that has gone, whatever its connection raises: it connects again
+            await _send_news(socket, self._source)
 
-    change: PageSource | None = getattr(source, "change", None)
-    return Starlette(
-        routes=[
-            *([Mount("/change", _OwnPage(_routes(change, refusals), refusals))] if change is not None else []),
-            Route("/", static),
-            Route("/page/{name}", static),
-            Route("/mission.json", mission),
-            Route("/plane/{number:int}.json", answer(source.plane)),
-            Route("/block/{number:int}.json", answer(source.block)),
-            Route("/at/{time:int}.json", answer(getattr(source, "at", _nothing))),
-            Route("/control", post, methods=["POST"]),
-            WebSocketRoute("/live", live),
-        ]
-    )
+
+def _json_of(make: Callable[..., Mapping[str, Any] | bytes]) -> Callable[[Request], Any]:
+    """Make the endpoint of a part of the source, which the numbers in the path name."""
+
+    async def endpoint(request: Request) -> Response:
+        try:
+            part = await asyncio.to_thread(make, *request.path_params.values())
+        except LookupError as error:
+            if type(error) is not LookupError:  # a fault of the source
+                raise
+            return _not_found("no such thing\n")
+        return _json(part)
+
+    return endpoint
+
+
+def _json(content: Mapping[str, Any] | bytes, status: int = 200) -> Response:
+    return _response(content if isinstance(content, bytes) else json_bytes(content), "application/json", status)
+
+
+def _not_found(text: str) -> Response:
+    return _response(text.encode(), "text/plain", 404)
+
+
+def _response(content: bytes, kind: str, status: int = 200) -> Response:
+    from starlette.responses import Response
+
+    return Response(content, status, _HEADERS, kind)
 
 
 async def _body(request: Request) -> str | None:
