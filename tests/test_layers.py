@@ -44,7 +44,7 @@ LAYERS = (
     ("fame.robot",),
     ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log"),
     ("sim2d", "robots"),
-    ("fame.scenario", "fame.testing", "fame.view"),
+    ("fame.scenario", "fame.testing", "fame.view", "fame.edit"),
     ("fame.cli", "fame", "fame.__main__"),
 )
 LAYER = {package: layer for layer, packages in enumerate(LAYERS) for package in packages}

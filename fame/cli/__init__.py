@@ -169,7 +169,7 @@ class _Top(Parser):
         return "\n".join(
             [
                 "usage: fame [-h] [--version] COMMAND ...",
-                "Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.\n",
+                "Run the missions of a team of robots from BPMN 2.0 collaboration diagrams.",
                 *("a mission:", *missions),
                 "a running team, also as fame team COMMAND:",
                 *wrap(" ".join(core["team"]), 96, initial_indent=" ", subsequent_indent=" "),

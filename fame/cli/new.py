@@ -65,6 +65,7 @@ def run_new(arguments: Namespace) -> int:
         print(*(f"{name}/{file}" for file in files), sep="\n")
         print(f"\nnext: cd {name}\n      fame check\n      fame test\n      fame run --log out/run.mcap")
         print("      fame view out/run.mcap")
+        print('in git: git config diff.bpmn.textconv "fame diff --textconv"')
     return 0
 
 

@@ -98,7 +98,7 @@ class DiagramFilm:
         self._boxes = {id: _scaled(box, scale) for id, box in drawing.boxes.items()}
         self._lines = {id: [(x * scale, y * scale) for x, y in line] for id, line in drawing.lines.items()}
         self._frames = frozenset(drawing.frames)
-        self._still = _raster(drawing.svg, scale)
+        self._still = raster(drawing.svg, scale)
         self._view = width, self._still.height if self._still.height <= _STRETCH * most + 1 else most
         self.size = width, self._view[1] + CAPTION
 
@@ -209,7 +209,7 @@ def _begin(middle: float, window: int, whole: int) -> float:
     return (whole - window) / 2 if whole <= window else min(max(middle - window / 2, 0.0), float(whole - window))
 
 
-def _raster(svg: str, scale: float) -> Image:
+def raster(svg: str, scale: float) -> Image:
     """Draw an SVG with the font that the rest of the film has, on each machine the same."""
     require("resvg_py")
     import resvg_py

@@ -1,0 +1,252 @@
+"""Two versions of a model, compared: in words, as JSON, as a picture; and one version as text for ``git diff``.
+
+What the model says is compared by `fame.bpmn.difference`. Extension elements and attributes of other tools, which are
+not in it, are compared as XML, whatever the prefixes and the order of attributes.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
+
+from fame.bpmn.difference import ElementChange, difference, elements_of, facts
+from fame.bpmn.model import GATEWAYS, PLACES, TASKS, Artifact, Definitions, Edge, Element, Shape
+from fame.bpmn.reader.document import read_tree
+from fame.bpmn.reader.xml import BPMN, Node, is_reference, local_name, parse
+from fame.dataclasses import dataclass, replace
+from fame.text import printable
+
+Drawn = TypeVar("Drawn", Shape, Edge)
+_SIGNS = {"added": "+", "removed": "-", "changed": "~"}
+COLOURS: Mapping[str, tuple[str, str]] = {
+    "added": ("#1a7f37", "#e3f4e6"),
+    "removed": ("#cf222e", "#ffebe9"),
+    "changed": ("#9a6700", "#fff8c5"),
+    "moved": ("#0969da", "#ddf4ff"),
+}
+"""(stroke, fill) of what differs in a picture."""
+_KNOWN = (f"{{{BPMN}}}", "{http://www.omg.org/spec/", "{http://www.w3.org/")
+
+
+@dataclass(frozen=True, slots=True)
+class ModelDifference:
+    """Two versions of a file.
+
+    changes   what was added, removed or changed, in the order of the new version, then what is gone
+    moved     what is only drawn in another way
+    foreign   what differs only in content of other tools: id -> the element
+    faults    what cannot be executed in one version only: (sign, text)
+    """
+
+    old: Definitions
+    new: Definitions
+    changes: tuple[ElementChange, ...]
+    moved: tuple[ElementChange, ...]
+    foreign: Mapping[str, Element]
+    faults: tuple[tuple[str, str], ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing differs, the drawing included."""
+        return not (self.changes or self.moved or self.foreign or self.faults)
+
+
+def compare(old: Definitions, new: Definitions) -> ModelDifference:
+    """Compare two versions of a file."""
+    old, new = _with_ids(old), _with_ids(new)
+    found = difference(old, new)
+    changes = tuple(one for one in found if one.how != "moved")
+    told, known = {one.element.id for one in changes}, {one.id: one for one in new.elements()}
+    faults = [{(one.element, one.text) for each in file.processes for one in each.faults} for file in (old, new)]
+    refused = {element for some in faults for element, _ in some}
+    before, now = (_foreign(file, refused) for file in (old, new))
+    foreign = {
+        id: known.get(id, Element(id=id)) for id in (*now, *(before.keys() - now)) if before.get(id) != now.get(id)
+    }
+    return ModelDifference(
+        old,
+        new,
+        changes,
+        tuple(one for one in found if one.how == "moved"),
+        {id: one for id, one in foreign.items() if id not in told},
+        tuple(("-", f"{id}: {text}") for id, text in sorted(faults[0] - faults[1]))
+        + tuple(("+", f"{id}: {text}") for id, text in sorted(faults[1] - faults[0])),
+    )
+
+
+def _with_ids(definitions: Definitions) -> Definitions:
+    """A model whose elements without an id have one that does not depend on their place: the ends, or the name."""
+    root = parse(definitions.source, definitions.file) if definitions.source else None
+    taken = Counter[str]()
+    for element in root.iter(f"{{{BPMN}}}*") if root is not None else ():
+        name = "_".join(filter(None, map(element.get, ("sourceRef", "targetRef", "name"))))
+        if not element.get("id") and (name or local_name(element) in (*PLACES, *GATEWAYS, *TASKS)):
+            id = f"{local_name(element)}_{name}"
+            taken[id] += 1
+            element.set("id", f"{id}_{taken[id]}")
+    return read_tree(root, definitions.source, definitions.file) if root is not None and taken else definitions
+
+
+# ---- what the model does not say -------------------------------------------------------------------------------------
+
+_Content = tuple[Any, ...]
+
+
+def _foreign(definitions: Definitions, whole: Collection[str] = ()) -> dict[str, _Content]:
+    """The content of other tools in each element that has some, by id; all of those that cannot be executed (`whole`).
+
+    What is in a part of an element (a data input, a timer) is that of the element.
+    """
+    drawn = {one.id for one in definitions.elements()} | set(whole)
+    found = dict[str, list[_Content]]()
+    homes = dict[Node, str]()
+    for element in parse(definitions.source, definitions.file).iter(f"{{{BPMN}}}*") if definitions.source else ():
+        id, outer = element.get("id", ""), element.getparent()
+        home = homes[element] = id if id in drawn else (homes.get(outer, "") if outer is not None else "") or id
+        attributes = sorted((str(name), str(value)) for name, value in element.items() if not _is_known(str(name)))
+        holders = element.findall(f"{{{BPMN}}}extensionElements")
+        content = [*attributes, *(_content(one) for holder in holders for one in holder)]
+        content += [_content(element)] * (id in whole)
+        if home and content and outer is not None:
+            found.setdefault(home, []).extend(content)
+    return {id: tuple(sorted(content, key=repr)) for id, content in found.items()}
+
+
+def _is_known(name: str) -> bool:
+    return name[0] != "{" or name.startswith(_KNOWN)
+
+
+def _content(element: Node) -> _Content:
+    """An element with all that is in it, to be compared with another one."""
+    attributes = sorted(
+        (str(name), str(value).rpartition(":")[2] if is_reference(str(name)) else str(value))
+        for name, value in element.items()
+        if not str(name).startswith("{http://www.w3.org/")
+    )
+    text = " ".join((element.text or "").split()) if len(element) else (element.text or "").strip()
+    return (element.tag, attributes, text, sorted((_content(one) for one in element), key=repr))
+
+
+# ---- in words --------------------------------------------------------------------------------------------------------
+
+
+def lines(found: ModelDifference) -> Iterator[str]:
+    """Yield the comparison in lines of text."""
+    for change in found.changes:
+        yield f"{_SIGNS[change.how]} {_kind(change.element)} {change.element.display_name}  {_place(found, change)}"
+        for name, old, new in change.values:
+            yield from (f"    {line}" for line in _value(name, old, new))
+    for sign, text in found.faults:
+        yield f"{sign} cannot be executed: {text}"
+    if found.foreign:
+        names = ", ".join(one.display_name for one in found.foreign.values())
+        yield f"{_number(len(found.foreign), 'element')} with other extensions, the same for FAME: {names}"
+    if found.moved:
+        names = ", ".join(one.element.display_name for one in found.moved)
+        yield f"{_number(len(found.moved), 'shape')} moved: {names}"
+
+
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def _kind(element: Element) -> str:
+    return element.kind if isinstance(element, Artifact) else "lane" if type(element) is Element else element.tag
+
+
+def _place(found: ModelDifference, change: ElementChange) -> str:
+    file = (found.old if change.how == "removed" else found.new).file
+    return f"{file}:{change.element.line}"
+
+
+def _value(name: str, old: str, new: str) -> Iterator[str]:
+    """A value that has changed: on one line, or line by line as ``diff`` shows it."""
+    if "\n" not in old + new:
+        yield f"{name}: {printable(old) or 'none'} → {printable(new) or 'none'}"
+        return
+    yield f"{name}:"
+    for line in list(difflib.unified_diff(old.splitlines(), new.splitlines(), lineterm="", n=2))[2:]:
+        yield f"  {printable(line)}"
+
+
+def as_json(found: ModelDifference) -> dict[str, Any]:
+    """Return the comparison as an object of JSON."""
+    return {
+        "same": found.same,
+        "changes": [
+            {
+                "how": change.how,
+                "tag": _kind(change.element),
+                "id": change.element.id,
+                "name": change.element.name,
+                "file": (found.old if change.how == "removed" else found.new).file,
+                "line": change.element.line,
+                "values": [{"name": name, "old": old, "new": new} for name, old, new in change.values],
+            }
+            for change in found.changes
+        ],
+        "faults": [{"how": "added" if sign == "+" else "removed", "text": text} for sign, text in found.faults],
+        "foreign": list(found.foreign),
+        "moved": [one.element.id for one in found.moved],
+    }
+
+
+def model_text(definitions: Definitions) -> str:
+    """Return what a model says, line by line in an order that does not depend on the file: ``git diff`` compares it."""
+    definitions = _with_ids(definitions)
+    elements = [("", one) for one in (*definitions.participants, *definitions.message_flows, *definitions.artifacts)]
+    for process in definitions.processes:
+        elements += [*elements_of(process), *((process.id, lane) for lane in process.lanes)]
+    text = list[str]()
+    for scope, element in sorted(elements, key=lambda one: (one[0], one[1].id)):
+        text.append(f"{_kind(element)} {element.display_name}{f' in {scope}' if scope else ''}")
+        for name, value in facts(element).items():
+            if name != "name":
+                first, *rest = value.splitlines() or [""]
+                text += (
+                    [f"  {name}:", f"    {first}", *(f"    {line}" for line in rest)]
+                    if rest
+                    else [f"  {name}: {first}"]
+                )
+    text += [f"cannot be executed: {one.element}: {one.text}" for each in definitions.processes for one in each.faults]
+    text += [f"content of other tools in {id}: {one}" for id, one in sorted(_foreign(definitions).items())]
+    drawn = [(one.element, str(one.bounds)) for one in definitions.shapes]
+    drawn += [(one.element, str(one.waypoints)) for one in definitions.edges]
+    text += [f"drawn: {id} {place}" for id, place in sorted(drawn)]
+    return "\n".join(map(printable, text)) + "\n"
+
+
+# ---- as a picture ----------------------------------------------------------------------------------------------------
+
+
+def picture(found: ModelDifference) -> str:
+    """Return the new diagram as SVG, with what differs in colours, and what is gone where it was.
+
+    Raises ModelError if neither version has a diagram.
+    """
+    from fame.bpmn.draw.diagram import draw
+
+    how: dict[str, str] = {one.element.id: one.how for one in (*found.changes, *found.moved)}
+    how = {**dict.fromkeys(found.foreign, "changed"), **how}
+    planes = {number: id for number, id in enumerate(found.old.planes) if id in found.new.planes}
+
+    def gone(drawn: Sequence[Drawn]) -> list[Drawn]:
+        """What is no longer there, on the diagram of the new version that shows the same."""
+        left = (one for one in drawn if how.get(one.element) == "removed" and one.plane in planes)
+        return [replace(one, plane=found.new.planes.index(planes[one.plane])) for one in left]
+
+    shapes = [
+        replace(one, stroke=COLOURS[how[one.element]][0], fill=COLOURS[how[one.element]][1])
+        if one.element in how
+        else one
+        for one in (*found.new.shapes, *gone(found.old.shapes))
+    ]
+    edges = [
+        replace(one, stroke=COLOURS[how[one.element]][0]) if one.element in how else one
+        for one in (*found.new.edges, *gone(found.old.edges))
+    ]
+    counts = [f"{list(how.values()).count(word)} {word}" for word in COLOURS if word in how.values()]
+    painted = replace(found.new, shapes=tuple(shapes), edges=tuple(edges))
+    return draw(painted, notes=[", ".join(counts) or "no differences"])
