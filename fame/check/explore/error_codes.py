@@ -1,7 +1,15 @@
-"""Error codes with which services, actions and called processes may fail.
+"""Error codes with which services, actions, scripts and called processes may fail.
 
-An exploration tries each code of a failure by itself, so only codes that make a difference are asked for (`wanted`):
-those that an error event of the team catches, or a property names. None asks for all.
+Theory of operation. An exploration tries each failure once for each code, so it asks only for codes that make a
+difference (`wanted`): those that an error event of the team catches, or a property names. None asks for all.
+
+- What fails by itself: `service_codes` of a service or an action, `step_codes` of an activity that is one step.
+- What leaves a called process: `thrown_by`, from inside out. End events, services and scripts throw; boundary events
+  take away what they catch at their activity, error event sub-processes what they catch in their scope. What such a
+  handler throws itself begins outside of that scope, which therefore does not catch it.
+
+A set that is too large costs states, one that is too small hides a failure. So where nothing is known of what is
+thrown (a called process that is not found, a code that is computed), it may be any.
 """
 
 from __future__ import annotations
@@ -18,6 +26,10 @@ from fame.robot.service_tasks import error_codes
 from fame.scripting.effects import script_effects
 from fame.scripting.requests import STILL_RUNNING
 
+_Thrown = set[str] | None
+"""Codes that may be thrown; None: any."""
+_Caught = set[str | None]
+"""Codes that are caught; with None among them, any."""
 _OF_ACTIONS = frozenset({"aborted", "canceled", "rejected"})
 _BY_OTHERS = "canceled"
 """The code of a goal that somebody else cancels: nothing in the model or its world brings it about."""
@@ -31,8 +43,8 @@ def caught_codes(
     return frozenset(event.code or "" for node in nodes for event in node.defined(kind))
 
 
-def boundary_codes(node: model.FlowNode, body: model.Body) -> set[str | None]:
-    """Return the codes that boundary events of an element catch; None: any."""
+def boundary_codes(node: model.FlowNode, body: model.Body) -> _Caught:
+    """Return the codes that boundary events of an element catch."""
     return {error.code or None for event in body.boundary(node.id) for error in event.defined(model.ErrorDefinition)}
 
 
@@ -41,7 +53,7 @@ def service_codes(task: model.Task, wanted: Set[str] | None) -> set[str]:
 
     Of all codes (`wanted` is None) those are left out that only somebody else's request or ``retry`` brings about.
     """
-    if task.service is None:  # of a Python function, or of an external worker
+    if task.service is None:  # a Python function, or an external worker
         codes = {"script"} if task.operation or wanted is not None else set[str]()
         return codes if wanted is None else codes & wanted
     renamed = _renamed(task)
@@ -98,7 +110,7 @@ def thrown_by(
     library: Library, home: model.Definitions, process: model.Process, wanted: Set[str] | None
 ) -> set[str] | None:
     """Return the codes that leave a called process; None if it may raise any."""
-    return _Thrown(library, wanted).by_process(home, process)
+    return _Search(library, wanted).by_process(home, process)
 
 
 _Key = tuple[str, str]
@@ -106,44 +118,43 @@ _Key = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class _Thrown:
-    """The codes that leave processes and bodies.
+class _Search:
+    """The search for the codes that leave a process, through the processes that it calls.
 
-    known  of processes, each of which is looked at once, whatever catches its codes where it is called
-    open   those under way: one that calls itself adds nothing the second time
-    cut    those of them that were met again: what depends on that is not known yet for other callers
+    known      what leaves processes, whatever catches it where they are called
+    under_way  the processes that are being looked at, each called by the one before
+    recursive  those of them that were met again inside: each adds nothing the second time
     """
 
     library: Library
     wanted: Set[str] | None
-    known: dict[_Key, set[str] | None] = field(default_factory=dict)
-    open: set[_Key] = field(default_factory=set)
-    cut: set[_Key] = field(default_factory=set)
+    known: dict[_Key, _Thrown] = field(default_factory=dict)
+    under_way: set[_Key] = field(default_factory=set)
+    recursive: set[_Key] = field(default_factory=set)
 
-    def by_process(self, home: model.Definitions, process: model.Process) -> set[str] | None:
+    def by_process(self, home: model.Definitions, process: model.Process) -> _Thrown:
         key = home.file, process.id
         if key in self.known:
             return self.known[key]
-        if key in self.open:
-            self.cut.add(key)
+        if key in self.under_way:
+            self.recursive.add(key)
             return set()
-        self.open.add(key)
+        self.under_way.add(key)
         codes = self._by_body(home, process.body)
-        self.open.discard(key)
-        self.cut.discard(key)
-        if not self.cut:
+        self.under_way.discard(key)
+        self.recursive.discard(key)
+        if not self.recursive:  # else a caller that is under way has added nothing yet: it is not all that leaves
             self.known[key] = codes
         return codes
 
-    def _by_body(self, home: model.Definitions, body: model.Body) -> set[str] | None:
+    def _by_body(self, home: model.Definitions, body: model.Body) -> _Thrown:
         at_nodes, of_body = _handlers(body)
-        codes = {node.id: _uncaught(self._by_node(home, node), at_nodes[node.id]) for node in body.nodes}
-        inside = _joined(codes[node.id] for node in body.nodes if not node.triggered_by_event)
-        # The error of a handler starts outside of the scope that it handles.
-        of_handlers = _joined(codes[node.id] for node in body.nodes if node.triggered_by_event)
-        return _joined((_uncaught(inside, of_body), of_handlers))
+        leaving = {node.id: _uncaught(self._by_node(home, node), at_nodes[node.id]) for node in body.nodes}
+        of_handlers = _union(leaving[node.id] for node in body.nodes if node.triggered_by_event)
+        inside = _union(leaving[node.id] for node in body.nodes if not node.triggered_by_event)
+        return _union((_uncaught(inside, of_body), of_handlers))
 
-    def _by_node(self, home: model.Definitions, node: model.FlowNode) -> set[str] | None:
+    def _by_node(self, home: model.Definitions, node: model.FlowNode) -> _Thrown:
         if node.body is not None:
             return self._by_body(home, node.body)
         if isinstance(node, model.CallActivity):
@@ -158,7 +169,7 @@ class _Thrown:
             return service_codes(node, self.wanted) if node.service is not None else None
         return self._by_script(node)
 
-    def _by_script(self, node: model.FlowNode) -> set[str] | None:
+    def _by_script(self, node: model.FlowNode) -> _Thrown:
         effects = script_effects(node)
         if effects.codes is None:
             return None
@@ -166,9 +177,9 @@ class _Thrown:
         return {*effects.codes, *asked, *(["script"] if effects.fails else [])}
 
 
-def _handlers(body: model.Body) -> tuple[Mapping[str, set[str | None]], set[str | None]]:
-    """The codes that boundary events catch, by activity, and those that error event sub-processes do; None: any."""
-    at_nodes, of_body = defaultdict[str, set[str | None]](set), set[str | None]()
+def _handlers(body: model.Body) -> tuple[Mapping[str, _Caught], _Caught]:
+    """What boundary events catch, by activity, and what error event sub-processes of the scope do."""
+    at_nodes, of_body = defaultdict[str, _Caught](set), _Caught()
     for node in body.nodes:
         if node.place == "boundary":
             at_nodes[node.attached_to] |= {error.code for error in node.defined(model.ErrorDefinition)}
@@ -178,15 +189,16 @@ def _handlers(body: model.Body) -> tuple[Mapping[str, set[str | None]], set[str 
     return at_nodes, of_body
 
 
-def _uncaught(codes: set[str] | None, caught: set[str | None]) -> set[str] | None:
-    """Those of thrown codes that are not caught; None: any."""
-    return set() if None in caught else None if codes is None else codes - caught
+def _uncaught(thrown: _Thrown, caught: _Caught) -> _Thrown:
+    if None in caught:
+        return set()
+    return None if thrown is None else thrown - caught
 
 
-def _joined(parts: Iterable[set[str] | None]) -> set[str] | None:
-    joined = set[str]()
+def _union(parts: Iterable[_Thrown]) -> _Thrown:
+    union = set[str]()
     for codes in parts:
         if codes is None:
             return None
-        joined |= codes
-    return joined
+        union |= codes
+    return union
