@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 pytest.importorskip("rosbags")
 
 from fame.errors import ConfigError, MessageError
-from fame.log import mcap_index
+from fame.log import decompression, mcap_index
 from fame.log.bag_reader import open_bag
 from fame.middleware import codec, messages, typesystem
 from fame.middleware.definitions import from_text
@@ -154,14 +154,14 @@ def chunk(compression: str, data: bytes, size: int) -> bytes:
 def test_a_chunk_that_would_unpack_to_too_much_or_to_another_size_is_refused(
     compression: str, stated: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mcap_index, "CHUNK_LIMIT", 10_000)
+    monkeypatch.setattr(decompression, "CHUNK_LIMIT", 10_000)
     packed = {"zstd": zstandard.compress, "lz4": lz4_compress}[compression](bytes(20_000))
     (tmp_path / "a.mcap").write_bytes(chunk(compression, packed, stated))
     with pytest.raises(ConfigError, match="is cut short or damaged"):
         positions(tmp_path / "a.mcap")
     with pytest.raises(ValueError, match="in one chunk"):
-        mcap_index.unpack(packed, compression)
-    assert len(mcap_index.unpack(packed, compression, 100)) == 101
+        decompression.unpack(packed, compression)
+    assert len(decompression.unpack(packed, compression, 100)) == 101
 
 
 PACKERS: dict[str, Callable[[bytes], bytes]] = {
@@ -173,20 +173,20 @@ PACKERS: dict[str, Callable[[bytes], bytes]] = {
 def test_compressed_data_are_read_to_their_end_or_refused(compression: str) -> None:
     pack = PACKERS[compression]
     once, twice = pack(b"a" * 300_000), pack(b"a" * 300_000) + pack(b"") + pack(b"b")
-    assert mcap_index.unpack(twice, compression) == b"a" * 300_000 + b"b"
+    assert decompression.unpack(twice, compression) == b"a" * 300_000 + b"b"
     for cut in {*range(len(twice))} - {len(once), len(once + pack(b""))}:
         with pytest.raises((ValueError, zstandard.ZstdError)):
-            mcap_index.unpack(twice[:cut], compression)
+            decompression.unpack(twice[:cut], compression)
 
 
 def test_frames_of_zstd_that_are_to_be_skipped_are() -> None:
     skipped = struct.pack("<II", 0x184D2A53, 3) + b"abc"
-    assert mcap_index.unpack(skipped + PACKERS["zstd"](b"a") + skipped, "zstd") == b"a"
+    assert decompression.unpack(skipped + PACKERS["zstd"](b"a") + skipped, "zstd") == b"a"
 
 
 def test_an_unknown_compression_is_refused() -> None:
     with pytest.raises(ValueError, match="expected zstd, lz4, bz2 or no compression, got 'gzip'"):
-        mcap_index.unpack(b"abc", "gzip")
+        decompression.unpack(b"abc", "gzip")
 
 
 @pytest.mark.parametrize("in_chunk", [True, False])
@@ -262,7 +262,7 @@ def test_a_chunk_of_a_rosbag1_is_bounded(tmp_path: Path, monkeypatch: pytest.Mon
         writer.write(connection, START, store.serialize_ros1(text, "std_msgs/msg/String"))
     with open_bag(tmp_path / "a.bag") as reader:
         assert [message.data[:3] for _, _, message in reader.messages(["/text"])] == ["xxx"]
-    monkeypatch.setattr(mcap_index, "CHUNK_LIMIT", 10_000)
+    monkeypatch.setattr(decompression, "CHUNK_LIMIT", 10_000)
     with (
         open_bag(tmp_path / "a.bag") as reader,
         pytest.raises(ConfigError, match=r"a\.bag: is not a readable bag: more"),

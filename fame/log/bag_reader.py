@@ -21,7 +21,8 @@ from typing import Any, BinaryIO, NamedTuple
 import yaml
 
 from fame.errors import ConfigError, FameError, MessageError
-from fame.log.mcap_index import CHUNK_LIMIT, ChunkPlace, check_zstd, chunk_messages, in_order, read_index, unpack
+from fame.log.decompression import CHUNK_LIMIT, check_zstd, unpack
+from fame.log.mcap_index import ChunkPlace, chunk_messages, in_order, read_index
 from fame.middleware.definitions import Definition, check_size, check_text, from_rosbags
 from fame.text import open_file
 
@@ -57,7 +58,8 @@ class BagReader:
     """An open bag. `topics`: name -> topic; of a bag of several files that of the first that has it."""
 
     def __init__(self, file: str, storages: list[_Storage]) -> None:
-        self.file, self._storages = file, storages
+        self.file: str = file
+        self._storages = storages
         self.topics: dict[str, BagTopic] = {}
         for topic in (each for storage in storages for each in storage.topics):
             self.topics.setdefault(topic.name, topic)

@@ -1,10 +1,14 @@
-"""The index of an MCAP file: its chunks, channels, metadata and attachments.
+"""The index of an MCAP file: its chunks, channels, metadata and attachments (https://mcap.dev/spec).
 
-A whole file has an index at its end, unless its writer was told to leave it out, or parts of it. One that was cut short
-has none: it is read from its beginning, up to where it is whole. So is a file whose index lacks something.
+A file is a sequence of records: a byte for the kind (opcode), eight for the length, the rest. Schemas, channels and
+messages may be in chunks, which are compressed. At the end are a summary, which repeats schemas and channels and has
+the places of chunks, metadata and attachments, and statistics.
+
+`read_index` takes the summary if it has everything that the statistics count (`_read_summary`). A writer may leave it
+out, or parts of it, and a file that was cut short has none: then all records are read, up to the damaged one (`_scan`).
 
 The sizes that a file states are checked before memory is taken: those of its records by its own size, those of what its
-chunks unpack to by `CHUNK_LIMIT`.
+chunks unpack to by `fame.log.decompression.CHUNK_LIMIT`.
 """
 
 from __future__ import annotations
@@ -13,7 +17,6 @@ import os
 import struct
 import zlib
 from bisect import bisect_left
-from bz2 import BZ2Decompressor
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from io import BytesIO
@@ -22,27 +25,24 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
+from fame.log.decompression import unpack
 
 if TYPE_CHECKING:
-    from mmap import mmap
-
     from mcap.records import Channel, Chunk, Schema, Statistics
     from mcap.summary import Summary
 
-_CUT = "the compressed data are cut short"
 _M = TypeVar("_M", bound=tuple[Any, ...])
 """A message, as a tuple that begins with its time."""
-CHUNK_LIMIT = 1 << 27
-"""Bytes that a chunk may unpack to: a hundred times those that ``ros2 bag record`` writes."""
+_MAGIC_SIZE = 8
 _RECORD = struct.Struct("<BQ")
 """The head of a record: opcode, length of the rest."""
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE_OPCODE = 2, 3, 4, 5
-_CONTENT = frozenset({_SCHEMA, _CHANNEL, _MESSAGE_OPCODE, 6, 9, 12, 15})
-"""Opcodes of what a file has (chunk, attachment, metadata, end of the data), without its index and what is unknown."""
-_MESSAGE, _MESSAGE_HEAD = struct.Struct("<H4xQ"), 22
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 2, 3, 4, 5, 6, 9, 12, 15
+_CONTENT = frozenset({_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END})
+"""Opcodes of what a file has, without its index and what is unknown."""
+_MESSAGE_HEAD, _MESSAGE_HEAD_SIZE = struct.Struct("<H4xQ"), 22
 """The head of a message: channel, (sequence number,) log time (, publish time); and its length."""
-_MESSAGE_INDEX, _ENTRY = 15, 16
-"""Bytes of an empty record that tells the places of messages, and of one place in it."""
+_INDEX_SIZE, _INDEX_ENTRY_SIZE = 15, 16
+"""Bytes of an empty record of the places of one channel's messages in a chunk, and of one place in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,14 +78,13 @@ def read_index(stream: BinaryIO, file: str) -> McapIndex:
         read_magic(ReadDataStream(stream))
     except (McapError, struct.error):
         raise ConfigError("is not an MCAP file", file=file) from None
-    index, whole = None, False
     try:
-        index, whole = _read_summary(stream), True
-    except _broken():
-        pass
+        index, damaged = _read_summary(stream), False
+    except _broken():  # what is before it may be whole: all of that is read
+        index, damaged = None, True
     if index is None:
-        index, complete = _scan(stream)
-        if not (whole and complete):
+        index, ended = _scan(stream)
+        if damaged or not ended:
             index.warnings.append(f"{file}: is incomplete; it is read up to the damaged place")
     index.chunks = sorted(index.chunks, key=attrgetter("start"))
     return index
@@ -123,7 +122,8 @@ def in_order(chunks: Iterable[ChunkPlace], load: Callable[[ChunkPlace], list[_M]
 
 
 def _records(stream: BinaryIO) -> Iterator[Any]:
-    """Read the records up to the footer; None for each that is no content. None is longer than the file."""
+    """Yield the records up to the footer; None for each that is no content. Raises ValueError for one that says to be
+    longer than the file."""
     size, opcode = os.fstat(stream.fileno()).st_size, 0
     while opcode != _FOOTER:
         head = stream.read(_RECORD.size)
@@ -151,71 +151,12 @@ def _unpacked(chunk: Chunk) -> bytes:
     return data
 
 
-def unpack(data: bytes, compression: str, size: int = -1) -> bytes:
-    """Unpack data to `size` bytes, if that is known, or one more: whatever the data state of themselves, no more memory
-    is taken. Raises ValueError for more than `CHUNK_LIMIT`, for data that are cut short and for an unknown compression,
-    and the errors of the packages for damaged data."""
-    most = min(size, CHUNK_LIMIT) if size >= 0 else CHUNK_LIMIT
-    if size > CHUNK_LIMIT:
-        raise ValueError(f"{size / 1e6:.0f} MB in one chunk; at most {CHUNK_LIMIT / 1e6:.0f} MB are read")
-    if compression == "zstd":
-        from zstandard import ZstdDecompressor
-
-        check_zstd(data)
-        with ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
-            data = reader.read(most + 1)
-    elif compression == "lz4":
-        from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-
-        data = _streams(data, LZ4FrameDecompressor, most)
-    elif compression == "bz2":
-        data = _streams(data, BZ2Decompressor, most)
-    elif compression:
-        raise ValueError(f"expected zstd, lz4, bz2 or no compression, got {compression!r}")
-    if len(data) > CHUNK_LIMIT:
-        raise ValueError(f"more than {CHUNK_LIMIT / 1e6:.0f} MB in one chunk")
-    return data
-
-
-def _streams(data: bytes, decompressor: Callable[[], Any], most: int) -> bytes:
-    """Unpack one compressed stream after another, to `most` bytes or one more."""
-    unpacked = bytearray()
-    while True:
-        stream = decompressor()
-        unpacked += stream.decompress(data, max_length=most + 1 - len(unpacked))
-        if len(unpacked) <= most and not stream.eof:
-            raise ValueError(_CUT)
-        data = stream.unused_data
-        if len(unpacked) > most or not data:
-            return bytes(unpacked)
-
-
-def check_zstd(data: bytes | mmap) -> None:
-    """Raise ValueError unless data are whole frames (RFC 8878, 3.1): what unpacks them does not mind a missing end."""
-    from zstandard import frame_header_size, get_frame_parameters
-
-    place, end = 0, len(data)
-    while place < end or not end:
-        head = data[place : place + 18]
-        if head[1:4] == b"\x2a\x4d\x18" and head[0] >> 4 == 5:  # to be skipped
-            place, last = place + 8 + int.from_bytes(head[4:8], "little"), 1
-        else:
-            place, last = place + frame_header_size(head), 0
-            while place < end and not last:
-                block = int.from_bytes(data[place : place + 3], "little")
-                last, is_run = block & 1, block >> 1 & 3 == 1
-                place += 3 + (1 if is_run else block >> 3)
-            place += 4 * get_frame_parameters(head).has_checksum
-        if place > end or not last:
-            raise ValueError(_CUT)
-
-
 def _messages(records: bytes) -> Iterator[tuple[int, int, bytes]]:
     """The messages among the records of a chunk. (Those of the package `mcap` are many times slower to read.)"""
     for opcode, begin, end in _split(records):
-        if opcode == _MESSAGE_OPCODE:
-            channel, time = _MESSAGE.unpack_from(records, begin)
-            yield time, channel, records[begin + _MESSAGE_HEAD : end]
+        if opcode == _MESSAGE:
+            channel, time = _MESSAGE_HEAD.unpack_from(records, begin)
+            yield time, channel, records[begin + _MESSAGE_HEAD_SIZE : end]
 
 
 def _split(records: bytes) -> Iterator[tuple[int, int, int]]:
@@ -227,7 +168,7 @@ def _split(records: bytes) -> Iterator[tuple[int, int, int]]:
         end = begin + length
         if end > len(records):
             raise ValueError("a record is longer than its chunk")
-        if opcode == _MESSAGE_OPCODE and length < _MESSAGE_HEAD:
+        if opcode == _MESSAGE and length < _MESSAGE_HEAD_SIZE:
             raise ValueError(f"a message of {length} bytes is shorter than its head")
         yield opcode, begin, end
         begin = end
@@ -255,12 +196,12 @@ def _read_summary(stream: BinaryIO) -> McapIndex | None:
     index = McapIndex(channels=summary.channels, schemas=summary.schemas)
     index.chunks = [
         ChunkPlace(
-            each.chunk_start_offset,
-            each.message_start_time,
-            each.message_end_time,
-            frozenset(each.message_index_offsets or summary.channels),
+            chunk.chunk_start_offset,
+            chunk.message_start_time,
+            chunk.message_end_time,
+            frozenset(chunk.message_index_offsets or summary.channels),
         )
-        for each in summary.chunk_indexes
+        for chunk in summary.chunk_indexes
     ]
     index.counts = statistics.channel_message_counts
     for metadata in reader.iter_metadata():
@@ -272,10 +213,11 @@ def _read_summary(stream: BinaryIO) -> McapIndex | None:
 
 def _is_complete(summary: Summary, statistics: Statistics) -> bool:
     """Whether an index has what the statistics of the file count, down to the places of all messages, in chunks."""
-    places = sum(each.message_index_length - _MESSAGE_INDEX * len(each.message_index_offsets)
-                 for each in summary.chunk_indexes)  # fmt: skip
+    places = sum(
+        chunk.message_index_length - _INDEX_SIZE * len(chunk.message_index_offsets) for chunk in summary.chunk_indexes
+    )
     return (
-        places == _ENTRY * statistics.message_count
+        places == _INDEX_ENTRY_SIZE * statistics.message_count
         and len(summary.chunk_indexes) >= statistics.chunk_count
         and len(summary.channels) >= statistics.channel_count
         and len(summary.schemas) >= statistics.schema_count
@@ -289,15 +231,11 @@ def _scan(stream: BinaryIO) -> tuple[McapIndex, bool]:
     from mcap.records import Attachment, Chunk, DataEnd, Message, Metadata
 
     index, counts, chunks = McapIndex(), Counter[int](), []
-    offset, complete = stream.seek(8), False
+    offset, ended = stream.seek(_MAGIC_SIZE), False
     try:
         for record in _records(stream):
             if isinstance(record, Chunk):
-                records = _unpacked(record)
-                for opcode, begin, end in _split(records):
-                    if opcode in (_SCHEMA, _CHANNEL):
-                        _declare(index, _parsed(records[begin - _RECORD.size : end]))
-                held = Counter(channel for _, channel, _ in _messages(records))
+                held = _scan_chunk(record, index)
                 counts += held
                 times = record.message_start_time, record.message_end_time
                 chunks.append(ChunkPlace(offset, *times, frozenset(held)))
@@ -309,12 +247,21 @@ def _scan(stream: BinaryIO) -> tuple[McapIndex, bool]:
             elif isinstance(record, Attachment):
                 index.attachments[record.name] = record.data
             _declare(index, record)
-            complete = complete or isinstance(record, DataEnd)
+            ended = ended or isinstance(record, DataEnd)
             offset = stream.tell()
-    except _broken():
+    except _broken():  # the end of what is whole; `read_index` says so
         pass
     index.chunks, index.counts = chunks, counts
-    return index, complete
+    return index, ended
+
+
+def _scan_chunk(chunk: Chunk, index: McapIndex) -> Counter[int]:
+    """Declare the schemas and channels of a chunk, and return the number of its messages by channel."""
+    records = _unpacked(chunk)
+    for opcode, begin, end in _split(records):
+        if opcode in (_SCHEMA, _CHANNEL):
+            _declare(index, _parsed(records[begin - _RECORD.size : end]))
+    return Counter(channel for _, channel, _ in _messages(records))
 
 
 def _declare(index: McapIndex, record: Any) -> None:
