@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from math import ceil
 from typing import Literal
 
@@ -26,8 +25,9 @@ def interval(
     return float(found.low), float(found.high)
 
 
-wilson = partial(interval, method="wilson")
-"""Wilson's interval (Wilson 1927)."""
+def wilson(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Return Wilson's interval (Wilson 1927), as `interval`."""
+    return interval(count, total, confidence, "wilson")
 
 
 def nearest_rank(values: Sequence[float], fraction: float) -> float:

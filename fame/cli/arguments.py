@@ -52,7 +52,8 @@ class Parser(argparse.ArgumentParser):
     """An argument parser that raises FameError instead of leaving the process."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(formatter_class=_formatter(78), allow_abbrev=False, **options)
+        super().__init__(allow_abbrev=False, **options)
+        self.formatter_class: Any = _formatter(78)
         self.given: list[tuple[argparse.Action, list[str]]] = []
 
     @property
@@ -165,8 +166,8 @@ def namespace(text: str) -> str:
     return text.strip("/")
 
 
-natural = whole("a whole number from 0 on", 0)
-positive = number("a number above 0", math.ulp(0.0), 1e15)  # from the smallest one
+natural: Callable[[str], int] = whole("a whole number from 0 on", 0)
+positive: Callable[[str], float] = number("a number above 0", math.ulp(0.0), 1e15)  # from the smallest one
 
 
 def assignment(text: str) -> tuple[str, Any]:

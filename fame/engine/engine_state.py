@@ -66,7 +66,7 @@ class EngineState:
         self.gathered: dict[Node, list[Gathered]] = {}
         self.armed_starts: dict[int, Node] = {}
         self.suspensions = 0
-        self.starts_no_more = False
+        self.starts_no_more: bool = False
         self.held: tuple[list[Scope], list[Wait]] | None = None
         self.untaken: Counter[str] = Counter()
         self.incidents: dict[Wait, tuple[str, str]] = {}

@@ -318,7 +318,8 @@ class Journal:
     def __init__(
         self, directory: StateDirectory, header: Mapping[str, Any], worker: Callable[[], Worker] = Worker
     ) -> None:
-        self.directory, self._worker = directory, worker
+        self.directory: StateDirectory = directory
+        self._worker = worker
         self.header: JournalRecord = {**header, "format": FORMAT, "journal": uuid4().hex}
         self._seed = _seed(self.header["journal"])
         self._file: File | None = None

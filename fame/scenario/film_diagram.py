@@ -100,7 +100,7 @@ class DiagramFilm:
         self._frames = frozenset(drawing.frames)
         self._still = raster(drawing.svg, scale)
         self._view = width, self._still.height if self._still.height <= _STRETCH * most + 1 else most
-        self.size = width, self._view[1] + CAPTION
+        self.size: tuple[int, int] = (width, self._view[1] + CAPTION)
 
     def frames(self, events: Iterable[Event], times: Sequence[float]) -> Iterator[Image]:
         """Yield the diagram at each time (s)."""

@@ -68,7 +68,8 @@ class Effects:
     """
 
     def __init__(self, expression: Expression, script: bool) -> None:
-        self.expression, self.script = expression, script
+        self.expression: Expression = expression
+        self.script: bool = script
 
     @property
     def reads(self) -> frozenset[str]:

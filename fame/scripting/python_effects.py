@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import symtable
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Set
 from functools import cached_property, lru_cache
 from typing import Any, Literal, cast
 
@@ -28,7 +28,7 @@ def own_syntax_tree(expression: Expression, *, script: bool = True) -> ast.AST |
         return None
 
 
-syntax_tree = lru_cache(maxsize=1024)(own_syntax_tree)
+syntax_tree: Callable[..., ast.AST | None] = lru_cache(maxsize=1024)(own_syntax_tree)
 """The same, shared: do not change it."""
 
 _TOPIC_WORDS = ("receive", "robot", "signal")

@@ -49,12 +49,15 @@ class Team:
         request: Request,
         snapshots: Mapping[str, Data] = MappingProxyType({}),
     ) -> None:
-        self.definitions, self.library, self.cast, self.request = definitions, library, dict(cast), request
+        self.definitions: Definitions = definitions
+        self.library: Library = library
+        self.cast: dict[str, Pool] = dict(cast)
+        self.request: Request = request
         self.robots: tuple[str, ...] = tuple(cast)
         self.pools: list[Pool] = _distinct(cast)
         self.kinds: dict[str, Pool] = kinds_of(cast, request.variables)
         self.places: dict[str, Place] = places_of(definitions, self.pools, library)
-        self.received = set[tuple[str, str]]()
+        self.received: set[tuple[str, str]] = set()
         compiled = [compile(spec, vocabulary_of(definitions, library, cast)) for spec in request.properties]
         judged, watches = [monitor for monitor in compiled if is_judged(monitor)], [*self._watches()]
         reads = self._reads(judged)

@@ -85,7 +85,7 @@ class Joiner:
     tolerance; `report` is told of rows without a partner, which are left out, and `missing` counts them."""
 
     def __init__(self, join: Join, report: Callable[[str, str], object]) -> None:
-        self.missing = 0
+        self.missing: int = 0
         self._join, self._report = join, report
         self._kept: dict[str, Samples] = {}
         self._next: float | None = None
