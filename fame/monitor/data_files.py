@@ -1,22 +1,15 @@
-"""Files of recorded data: CSV tables, the runs that `fame monitor record` wrote, and bags of ROS 1 and 2.
+"""Files of recorded data: runs in tables, as `fame monitor record` writes them, and bags of ROS 1 and 2.
 
 Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one, as does a
-repeated header, where files were written one after another. In a recorded table a cell may be empty: a row holds the
-message of one topic. Cells are separated by a semicolon, tab, comma or |; a decimal comma needs another separator than
-the comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00. A bag is a folder of rosbag2 in either storage, a
-single MCAP file, also a recording of FAME, or a rosbag1.
+repeated header, where files were written one after another. A bag is a folder of rosbag2 in either storage, a single
+MCAP file, also a recording of FAME, or a rosbag1.
 """
 
 from __future__ import annotations
 
-import codecs
-import csv
 import hashlib
 import json
-import re
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
-from contextlib import suppress
-from datetime import UTC, datetime
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from heapq import merge
 from itertools import chain
 from operator import itemgetter
@@ -27,13 +20,13 @@ import numpy as np
 
 from fame.clock import EPOCH, date_text
 from fame.errors import ConfigError
-from fame.imports import require
 from fame.iso8601 import parse_datetime
 from fame.middleware.interface import resolve
 from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.join import Join, joined_table
 from fame.monitor.pipeline.processor import ActiveElements, Samples
+from fame.monitor.tables import RUN, STAMP, Table, read_parquet, read_table
 from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
 from fame.text import open_file
 
@@ -42,24 +35,7 @@ if TYPE_CHECKING:
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """What stamps may be counted in, in s."""
-STAMP, RUN, LABEL, ELEMENT = "stamp", "run", "label", "element"
-
-
-class CsvTable(NamedTuple):
-    """A CSV file: `names` is empty without a header, `cells` (rows, columns), `lines` has the line of each row. The
-    column of `elements` (rows,), texts, is not among the cells. `in_seconds`: its stamps are s without doubt, since
-    they were dates, or `fame monitor record` wrote them."""
-
-    names: tuple[str, ...]
-    cells: Floats
-    lines: Sequence[int]
-    elements: tuple[str, ...] = ()
-    in_seconds: bool = False
-
-    @property
-    def joins(self) -> Whole:
-        """The rows after a repeated header: files were written one after another."""
-        return np.flatnonzero(np.diff(np.asarray(self.lines)) > 1) + 1
+LABEL, ELEMENT = "label", "element"
 
 
 class LabelledRun(NamedTuple):
@@ -115,12 +91,9 @@ class Special(NamedTuple):
 _USUAL = Special()
 
 
-def read_runs(
-    paths: Sequence[str | Path], columns: Sequence[str] = (), special: Special = _USUAL, *, undisturbed: bool = False
-) -> list[Samples]:
+def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = (), special: Special = _USUAL) -> list[Samples]:
     """Read the samples of every run that has some, as `read_labelled_runs`. Raises ConfigError."""
-    runs = read_labelled_runs(paths, columns, special, undisturbed=undisturbed)
-    return [run.samples for run in runs if len(run.samples)]
+    return [run.samples for run in read_labelled_runs(paths, columns, special) if len(run.samples)]
 
 
 def read_labelled_runs(
@@ -134,65 +107,86 @@ def read_labelled_runs(
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
     runs: list[LabelledRun] = []
-    found: tuple[str, ...] = ()  # the columns of the first file, if none were asked for
+    of_first: tuple[str, ...] = ()  # the columns of the first file, if none were asked for
     for path in map(Path, paths):
-        if is_bag(path):
-            text = "is a bag, expected --config CONFIG.yaml, whose Inputs name topics and fields, or a CSV file"
-            text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
-            raise ConfigError(text, file=str(path))
-        if path.suffix == ".parquet":
-            read = _read_parquet(path, special, columns)
-        else:
-            wanted = {*special[:2], LABEL, *columns} if columns else None
-            read = read_table(
-                path, recorded=True, stamp=special.stamp, element=special.element, wanted=wanted, skip=special.exclude
-            )
-        names, cells, lines, elements, _ = read
-        channels = tuple(name for name in names if name not in special.unwanted)
-        if found and (more := sorted(set(channels) - set(found))):
+        table = _read_file(path, columns, special)
+        channels = tuple(name for name in table.names if name not in special.unwanted)
+        if of_first and (more := sorted(set(channels) - set(of_first))):
             text = f"has columns that the first file lacks, {', '.join(more)}: say which to use (Columns)"
             raise ConfigError(text, file=str(path), line=1)
         if not columns:
-            columns = found = channels
-        if not columns:
-            raise ConfigError(f"has no columns but {', '.join(names)}: nothing to learn from", file=str(path))
-        if special.element != ELEMENT and not elements:
-            raise ConfigError(f"has no column {special.element!r}", file=str(path), line=1)
-        for name in (special.stamp, *columns, *([special.run] if special.run != RUN else [])):
-            if name not in names:
-                raise ConfigError(f"has no column {name!r}; it has {', '.join(names)}", file=str(path), line=1)
-        values = cells[:, [names.index(name) for name in columns]]
-        stamps = _in_seconds(read, special, path)
-        whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
-        others = [place for place, name in enumerate(names) if name in channels and name not in columns]
-        torn = ~whole & (np.isfinite(values).any(axis=1) | ~np.isfinite(cells[:, others]).any(axis=1))
-        numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
-        labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path, lines)
-        if not whole.any() and special.join is None:
-            rates = ": topics with rates of their own need Join: {Rate, Tolerance, Fill}" if torn.any() else ""
-            raise ConfigError(f"has no row with all of {', '.join(columns)}{rates}", file=str(path))
-        others_begin = np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1
-        for rows in np.split(np.arange(len(values)), np.union1d(others_begin, read.joins)):
-            if special.join is not None:
-                names_of = [elements[row] for row in rows] if elements else []
-                runs.append(_joined(special.join, stamps[rows], values[rows], labels[rows], names_of, columns, path))
-                continue
-            kept = rows[whole[rows]]
-            _refuse_backward(stamps, kept, path, lines)
-            known = stamps[rows][np.isfinite(stamps[rows])]
-            changes = _changes(stamps[kept], [elements[row] for row in kept]) if elements else ()
-            samples = Samples(values[kept], stamps[kept], tuple(columns), changes)
-            runs.append(LabelledRun(
-                samples, np.where(labels[kept] == -1, -1, 1), str(path), len(rows) - len(kept),
-                float(np.ptp(known)) if len(known) else 0.0, bool(labels[rows].any()),
-                len(kept) / max(1, len(kept) + int(torn[rows].sum())),
-                lacking=_lacking(values[rows], torn[rows], columns, [lines[row] for row in rows[torn[rows]][:1]]),
-            ))  # fmt: skip
+            columns = of_first = channels
+        _check_columns(table, columns, special, path)
+        runs += _runs_of(table, columns, channels, special, path)
     for number, run in enumerate(runs if undisturbed else ()):
         if (run.labels == -1).any():
             text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
             raise ConfigError(text, file=run.file)
     return runs
+
+
+def _read_file(path: Path, columns: Sequence[str], special: Special) -> Table:
+    """Read a table. Raises ConfigError, also for a bag."""
+    if is_bag(path):
+        text = "is a bag, expected --config CONFIG.yaml, whose Inputs name topics and fields, or a CSV file"
+        text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
+        raise ConfigError(text, file=str(path))
+    wanted = {special.stamp, special.run, LABEL, *columns} if columns else None
+    if path.suffix == ".parquet":
+        return read_parquet(path, stamp=special.stamp, element=special.element, wanted=wanted, skip=special.exclude)
+    return read_table(
+        path, recorded=True, stamp=special.stamp, element=special.element, wanted=wanted, skip=special.exclude
+    )
+
+
+def _check_columns(table: Table, columns: Sequence[str], special: Special, path: Path) -> None:
+    """Raise ConfigError if a file lacks a column."""
+    names = ", ".join(table.names)
+    if not columns:
+        raise ConfigError(f"has no columns but {names}: nothing to learn from", file=str(path))
+    if special.element != ELEMENT and not table.elements:
+        raise ConfigError(f"has no column {special.element!r}", file=str(path), line=1)
+    for name in (special.stamp, *columns, *([special.run] if special.run != RUN else [])):
+        if name not in table.names:
+            raise ConfigError(f"has no column {name!r}; it has {names}", file=str(path), line=1)
+
+
+def _runs_of(
+    table: Table, columns: Sequence[str], channels: Sequence[str], special: Special, path: Path
+) -> Iterator[LabelledRun]:
+    """Yield the runs of a file. Raises ConfigError."""
+    names, cells, lines, elements, _ = table
+    values = cells[:, [names.index(name) for name in columns]]
+    stamps = _in_seconds(table, special, path)
+    whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
+    # A row that lacks a value lost it, unless it is the message of a topic that only has channels of others.
+    others = [place for place, name in enumerate(names) if name in channels and name not in columns]
+    torn = ~whole & (np.isfinite(values).any(axis=1) | ~np.isfinite(cells[:, others]).any(axis=1))
+    numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
+    labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path, lines)
+    if not whole.any() and special.join is None:
+        rates = ": topics with rates of their own need Join: {Rate, Tolerance, Fill}" if torn.any() else ""
+        raise ConfigError(f"has no row with all of {', '.join(columns)}{rates}", file=str(path))
+    others_begin = np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1
+    for rows in np.split(np.arange(len(values)), np.union1d(others_begin, table.joins)):
+        if special.join is not None:
+            names_of = [elements[row] for row in rows] if elements else []
+            yield _joined(special.join, stamps[rows], values[rows], labels[rows], names_of, columns, path)
+            continue
+        kept = rows[whole[rows]]
+        _refuse_backward(stamps, kept, path, lines)
+        known = stamps[rows][np.isfinite(stamps[rows])]
+        changes = _changes(stamps[kept], [elements[row] for row in kept]) if elements else ()
+        yield LabelledRun(
+            Samples(values[kept], stamps[kept], tuple(columns), changes),
+            np.where(labels[kept] == -1, -1, 1),
+            str(path),
+            gaps=len(rows) - len(kept),
+            seconds=float(np.ptp(known)) if len(known) else 0.0,
+            labelled=bool(labels[rows].any()),
+            seen=len(kept) / max(1, len(kept) + int(torn[rows].sum())),
+            lacking=_lacking(values[rows], torn[rows], columns, [lines[row] for row in rows[torn[rows]][:1]]),
+        )
 
 
 def _joined(
@@ -245,14 +239,14 @@ _DAYS = (30_000.0, 60_000.0)
 """Stamps that a spreadsheet writes for the years 1982 to 2064."""
 
 
-def _in_seconds(read: CsvTable, special: Special, path: Path) -> Floats:
+def _in_seconds(table: Table, special: Special, path: Path) -> Floats:
     """Return the stamps in s. Raises ConfigError for those that are of another unit than is said."""
-    stamps = read.cells[:, read.names.index(special.stamp)]
+    stamps = table.cells[:, table.names.index(special.stamp)]
     unit = TIME_UNITS.get(special.unit, 1.0)
-    if read.in_seconds and unit != 1:
+    if table.in_seconds and unit != 1:
         raise ConfigError(f"the times are no numbers of {special.unit}: they are s, or dates", file=str(path), line=2)
     stamps = stamps if unit == 1 else stamps * unit
-    _refuse_other_units(stamps, path, doubtful=not read.in_seconds and not special.unit)
+    _refuse_other_units(stamps, path, doubtful=not table.in_seconds and not special.unit)
     return stamps
 
 
@@ -323,200 +317,6 @@ def rate_of(runs: Sequence[Samples]) -> float:
     if not usual > 0:
         raise ConfigError("the stamps do not grow: expected samples at a rate")
     return 1 / usual
-
-
-def read_table(
-    path: Path, *, recorded: bool = False, stamp: str = STAMP, element: str = "", wanted: Collection[str] | None = None,
-    skip: Collection[str] = (),
-) -> CsvTable:  # fmt: skip
-    """Read the numbers of a CSV file; in the column `stamp`, dates too, and in that of the `element` texts.
-
-    A `recorded` table is one of `fame monitor record`: it has a header, empty cells are NaN, and a partial last line,
-    which a killed writer leaves, is dropped. A repeated header, as in concatenated files, is no row. Texts in columns
-    that are not `wanted` (default: all but those to `skip`) are read as 0: all that counts is that something is there.
-    Raises ConfigError with the line.
-    """
-    text = _text(path)
-    lines = text.splitlines()
-    if lines and not lines[0].strip():
-        raise ConfigError("is a blank line; expected a header or numbers", file=str(path), line=1)
-    separator = _separator(lines[0], path) if lines else ","
-    head = _row(lines[0], path, 1, separator) if lines else []
-    header = not all(_is_number(cell.replace(",", ".")) for cell in head)
-    names = tuple(name.strip() for name in head) if header else ()
-    if recorded and (not names or any(map(_is_number, names))):
-        raise ConfigError("has no header; expected stamp,effort_0,...", file=str(path), line=1)
-    twice = [name for name in names if name and names.count(name) > 1]
-    if twice:
-        raise ConfigError(f"has several columns {twice[0]!r}; expected unique names", file=str(path), line=1)
-    if recorded and names[:2] == (STAMP, RUN) and not text.endswith("\n"):
-        lines.pop()
-    while lines and not lines[-1].strip():
-        lines.pop()
-    numbers: Sequence[int] = range(2 if header else 1, len(lines) + 1)
-    if header and lines.count(lines[0]) > 1:
-        numbers = [number for number in numbers if lines[number - 1] != lines[0]]
-    if not numbers:
-        raise ConfigError("has no rows of numbers", file=str(path))
-    rows = [lines[number - 1] for number in numbers]
-    elements = list[str]()
-    if element in names:
-        place, width = names.index(element), len(names)
-        for index, (number, line) in enumerate(zip(numbers, rows, strict=True)):
-            row = _row(line, path, number, separator)
-            if len(row) != width:
-                raise ConfigError(f"expected {width} cells, got {len(row)}", file=str(path), line=number)
-            elements.append(row.pop(place).strip())
-            rows[index] = separator.join(row)
-        del head[place]
-        names = (*names[:place], *names[place + 1 :])
-    apart = {name for name in names if name in skip or (wanted is not None and name not in wanted)}
-    cells = _numbers(rows, numbers, head, path, recorded, separator, stamp, apart)
-    sure = _written_in_seconds(rows[0], separator, names, stamp)
-    return CsvTable(names, cells, numbers, tuple(elements), sure)
-
-
-def _written_in_seconds(line: str, separator: str, names: Sequence[str], stamp: str) -> bool:
-    """Return whether the first stamp is a date, or one of `fame monitor record`, which writes ns as decimals."""
-    cells = list[str]()
-    with suppress(csv.Error):  # a field that is too long is refused as a number
-        cells = next(csv.reader([line], delimiter=separator), [])
-    cell = cells[names.index(stamp)] if stamp in names and len(cells) == len(names) else ""
-    return _is_date(cell) or (tuple(names[:2]) == (STAMP, RUN) and bool(re.fullmatch(r"-?\d+\.\d{9}", cell)))
-
-
-def _read_parquet(path: Path, special: Special, wanted: Sequence[str] = ()) -> CsvTable:
-    """Read the numbers of a Parquet file; dates in s since 1970. Raises ConfigError, UnavailableError."""
-    require("pandas", "pyarrow")
-    import pandas as pd
-
-    try:
-        frame = pd.read_parquet(path)
-        elements = (
-            tuple(frame.pop(special.element).astype(object).fillna("").astype(str)) if special.element in frame else ()
-        )
-        special_names = [special.stamp, special.run, LABEL, *wanted]
-        for name in frame.columns:
-            if name in special.exclude or (wanted and name not in special_names and frame[name].dtype == object):
-                del frame[name]
-        dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
-        for name in dated:
-            frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
-        names = tuple(map(str, frame.columns))
-        lines = range(1, len(frame) + 1)
-        return CsvTable(names, frame.to_numpy(dtype=np.float64), lines, elements, special.stamp in dated)
-    except (OSError, ValueError, TypeError) as error:
-        raise ConfigError(f"is not a Parquet table of numbers: {error}", file=str(path)) from None
-
-
-def _text(path: Path) -> str:
-    try:
-        with open_file(path) as stream:
-            data = stream.read()
-        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        text = data.decode("utf-16" if wide else "utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise ConfigError("is not UTF-8 text: save it as UTF-8", file=str(path), line=line) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def _separator(line: str, path: Path) -> str:
-    """Return what parts the cells of the first line; a comma beside another one is a decimal comma."""
-    return next((sign for sign in ";\t,|" if len(_row(line, path, 1, sign)) > 1), ",")
-
-
-def _numbers(
-    lines: Sequence[str],
-    numbers: Sequence[int],
-    head: Sequence[str],
-    path: Path,
-    gaps: bool,
-    separator: str,
-    stamp: str,
-    apart: Collection[str],
-) -> Floats:
-    """Parse rows at once, or cell by cell where some are empty or wrong, or dates."""
-    width = len(head)
-    comma = separator != "," and any("," in line for line in lines)
-    mixed = comma and any("." in line for line in lines)  # a point may then part thousands, or be in a date
-    if not mixed:
-        with suppress(ValueError):
-            plain = [line.replace(",", ".") for line in lines] if comma else lines
-            cells = np.loadtxt(plain, delimiter=separator, ndmin=2, comments=None)
-            if cells.shape == (len(lines), width):
-                return np.asarray(cells)
-    rows: list[list[float]] = []
-    for number, line in zip(numbers, lines, strict=True):
-        row = _row(line, path, number, separator)
-        if len(row) != width:
-            hint = "; a decimal comma needs another separator, such as ;" if separator == "," and row else ""
-            got = f"{len(row)}{hint}" if row else "a blank line"
-            raise ConfigError(f"expected {width} cells, got {got}", file=str(path), line=number)
-        if {cell.strip() for cell in row} & {name.strip() for name in head if name.strip() and not _is_number(name)}:
-            text = f"is another header than the first one ({', '.join(head)}): these are tables of other columns"
-            raise ConfigError(text, file=str(path), line=number)
-        rows.append([])
-        for name, cell in zip(head, row, strict=True):
-            try:
-                value = _number(cell, date=name.strip() == stamp, comma=comma) if cell.strip() or not gaps else np.nan
-                rows[-1].append(value)
-            except ValueError:
-                if name.strip() in apart:
-                    rows[-1].append(0.0)
-                    continue
-                right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name.strip() == stamp else "a number"
-                where = f" in column {name.strip()!r}" if not _is_number(name) else ""
-                if _is_date(cell):
-                    where += f", a date only in the column of the times (--time-column {name.strip()!r})"
-                elif comma and "." in cell:
-                    where += " without a point, since decimals have a comma"
-                raise ConfigError(f"expected {right}{where}, got {cell!r}", file=str(path), line=number) from None
-    return np.array(rows, dtype=np.float64)
-
-
-_GERMAN = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})[ T](.+)")
-
-
-def _number(cell: str, *, date: bool, comma: bool) -> float:
-    """Read a number, or where a `date` may stand also one as above, in s since 1970. Raises ValueError.
-
-    Where decimals have a `comma`, a number must not have a point: 1.500 may be meant as 1500.
-    """
-    number = cell.replace(",", ".") if comma else cell
-    if not date or _is_number(number):
-        if comma and "." in cell:
-            raise ValueError(cell)
-        return float(number)
-    moment = _moment(number)
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-
-
-def _moment(text: str) -> datetime:
-    return datetime.fromisoformat(_GERMAN.sub(r"\3-\2-\1 \4", text.strip()))
-
-
-def _is_date(text: str) -> bool:
-    with suppress(ValueError):
-        return not _is_number(text) and bool(_moment(text))
-    return False
-
-
-def _row(line: str, path: Path, number: int, separator: str) -> list[str]:
-    try:
-        return next(csv.reader([line], delimiter=separator), [])
-    except csv.Error as error:
-        raise ConfigError(f"is not a row of a table: {error}", file=str(path), line=number) from None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def read_bag(path: str | Path, topics: Mapping[str, str]) -> Generator[tuple[float, str, Any]]:

@@ -748,7 +748,8 @@ def read_trained_model(data: bytes) -> None:
 
 def read_table(data: bytes) -> None:
     """A table of numbers."""
-    from fame.monitor.data_files import read_labelled_runs, read_table
+    from fame.monitor.data_files import read_labelled_runs
+    from fame.monitor.tables import read_table
 
     path = _file("runs.csv", data)
     read_table(path, recorded=True)

@@ -112,9 +112,10 @@ def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[st
 
 def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
-    from fame.monitor.data_files import ELEMENT, RUN, STAMP, Special, is_bag, read_labelled_runs
+    from fame.monitor.data_files import ELEMENT, Special, is_bag, read_labelled_runs
     from fame.monitor.pipeline.join import Join
     from fame.monitor.pipeline.recording import RecordingOptions, tables_of
+    from fame.monitor.tables import RUN, STAMP
 
     settings = model.conditions.get("settings", {})
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats, Whole
-from fame.monitor.data_files import LABEL, RUN, STAMP, CsvTable, read_table, stamp_text
+from fame.monitor.data_files import LABEL, stamp_text
+from fame.monitor.tables import RUN, STAMP, Table, read_table
 from fame.text import writing
 
 NEAR = 0.5
@@ -336,7 +337,7 @@ def _same(some: Sequence[str], others: Sequence[str]) -> bool:
     )
 
 
-def _notes(path: Path, table: CsvTable, kept: NDArray[np.bool_]) -> tuple[str, ...]:
+def _notes(path: Path, table: Table, kept: NDArray[np.bool_]) -> tuple[str, ...]:
     """Describe the separator rows that were left out."""
     apart = np.flatnonzero(~kept)
     if not len(apart):
@@ -346,7 +347,7 @@ def _notes(path: Path, table: CsvTable, kept: NDArray[np.bool_]) -> tuple[str, .
 
 
 def _columns(
-    table: CsvTable, path: Path, inputs: Sequence[int] | None, output: int | None
+    table: Table, path: Path, inputs: Sequence[int] | None, output: int | None
 ) -> tuple[list[int], int | None]:
     """Return which columns are joints, which is the label."""
     width = table.cells.shape[1]
@@ -370,7 +371,7 @@ _TIMES = ("time", "times", "timestamp", "timestamps", "t", "sec", "secs", "secon
 """Names of columns that hold times, in lower case."""
 
 
-def _reject_times(table: CsvTable, inputs: Sequence[int], path: Path) -> None:
+def _reject_times(table: Table, inputs: Sequence[int], path: Path) -> None:
     """Raise ConfigError for a column of times, numbers of runs or labels among the joints. A column without a name is
     one if it grows steadily from row to row, which no joint of a repeated task does."""
     special = (STAMP, RUN, LABEL)
@@ -399,7 +400,7 @@ def _grows_steadily(values: Floats) -> bool:
     return bool(np.median(np.abs(steps - usual)) <= _STEADY * usual)
 
 
-def _labels(table: CsvTable, output: int | None, path: Path) -> Whole:
+def _labels(table: Table, output: int | None, path: Path) -> Whole:
     if output is None:
         return np.ones(len(table.cells), dtype=np.int64)
     column = table.cells[:, output]
@@ -411,7 +412,7 @@ def _labels(table: CsvTable, output: int | None, path: Path) -> Whole:
     return column.astype(np.int64)
 
 
-def _reject_gaps(table: CsvTable, inputs: Sequence[int], path: Path) -> None:
+def _reject_gaps(table: Table, inputs: Sequence[int], path: Path) -> None:
     bad = np.flatnonzero(~np.isfinite(table.cells[:, inputs]).all(axis=1))
     if len(bad):
         more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""

@@ -34,10 +34,11 @@ from typing import Any, NamedTuple
 from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.middleware import codec
-from fame.monitor.data_files import ELEMENT, RUN, STAMP, stamp_text
+from fame.monitor.data_files import ELEMENT, stamp_text
 from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.input_node import ThrottledReport
+from fame.monitor.tables import RUN, STAMP
 
 PATIENCE = 10.0
 """How long (s) a topic may be silent before the header is written without it."""

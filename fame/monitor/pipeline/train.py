@@ -27,8 +27,6 @@ from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, read_f
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.data_files import (
     ELEMENT,
-    RUN,
-    STAMP,
     TIME_UNITS,
     LabelledRun,
     Special,
@@ -67,6 +65,7 @@ from fame.monitor.pipeline.training_checks import (
     unlike_movements,
 )
 from fame.monitor.storage import versions
+from fame.monitor.tables import RUN, STAMP
 from fame.text import suggestion
 
 
