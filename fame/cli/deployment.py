@@ -117,12 +117,8 @@ def run_deploy(arguments: Namespace) -> int:
 
     if arguments.previous or arguments.model is None:
         return _deploy_previous(arguments)
-    if arguments.allow_partial and not (arguments.explore or arguments.migrate):
-        raise ConfigError("--allow-partial needs --explore or --migrate")
+    _check_options(arguments)
     limit: float | None = arguments.rollback_unless_ended
-    if (arguments.until_ended or limit) and (arguments.stay or arguments.dry_run):
-        option = "--until-ended" if arguments.until_ended else "--rollback-unless-ended"
-        raise ConfigError(f"{option} cannot be given with {'--stay' if arguments.stay else '--dry-run'}")
     definitions, library = read(arguments.model), Library(arguments.library)
     migrated = migration.Migration(arguments, definitions, library)
     key = private_key(arguments)
@@ -161,6 +157,14 @@ def run_deploy(arguments: Namespace) -> int:
             deployment.close()
             sending.stay(deployment.started, note)
     return migrated.exit_code(deployment) or bool(failures) or rolled_back is not None
+
+
+def _check_options(arguments: Namespace) -> None:
+    if arguments.allow_partial and not (arguments.explore or arguments.migrate):
+        raise ConfigError("--allow-partial needs --explore or --migrate")
+    if (arguments.until_ended or arguments.rollback_unless_ended) and (arguments.stay or arguments.dry_run):
+        option = "--until-ended" if arguments.until_ended else "--rollback-unless-ended"
+        raise ConfigError(f"{option} cannot be given with {'--stay' if arguments.stay else '--dry-run'}")
 
 
 def _roll_back(

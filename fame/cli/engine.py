@@ -206,10 +206,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
     from fame.scenario import serve
 
     trusted, identity = _keys(arguments)
-    if arguments.lifecycle and trusted and not arguments.unsigned_tasks:
-        raise ConfigError("--lifecycle with --trust needs --unsigned-tasks: requests to services are not signed")
-    if arguments.files is not None and not arguments.files.is_dir():
-        raise ConfigError("expected a folder", file=str(arguments.files))
+    _check_options(arguments, trusted)
     expect_guarded = guard(arguments, trusted, "--trust FILE.pub")
     safe, suspended = _safe_states(arguments.type)
     state = _state(arguments)
@@ -222,10 +219,8 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
             raise FameError(f"there is an engine {arguments.name!r} already")
         time = _simulated_time(arguments, scheduler, middleware)
         starting.close()
-        keeps = arguments.log is not None
-        log = opened.enter_context(_log(arguments.log, arguments.name, scheduler)) if keeps else None
         options = EngineOptions(
-            log=log,
+            log=opened.enter_context(_log(arguments.log, arguments.name, scheduler)) if arguments.log else None,
             recordings=arguments.log,
             observer=_element_feed(middleware, arguments.name) if arguments.fame_dt else None,
             time=time,
@@ -261,6 +256,13 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
             opened.enter_context(ModuleRandom(arguments.seed, arguments.name))
         several = len(arguments.names) if len(arguments.names) > 1 else 0
         serve(arguments.middleware, arguments.network, build, crowd=several)
+
+
+def _check_options(arguments: Namespace, trusted: object) -> None:
+    if arguments.lifecycle and trusted and not arguments.unsigned_tasks:
+        raise ConfigError("--lifecycle with --trust needs --unsigned-tasks: requests to services are not signed")
+    if arguments.files is not None and not arguments.files.is_dir():
+        raise ConfigError("expected a folder", file=str(arguments.files))
 
 
 def _library(arguments: Namespace) -> Library | None:

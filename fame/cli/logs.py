@@ -29,6 +29,14 @@ def add(commands: Commands) -> None:
         examples=("fame log record -o run.mcap", "fame log convert run.mcap -o run.xes"),
     )  # fmt: skip
     parts = parser.add_subparsers(dest="part", required=True, metavar="SUBCOMMAND")
+    _add_record(parts)
+    _add_convert(parts)
+    _add_merge(parts)
+    collection.add(parts)
+    _add_judge(parts)
+
+
+def _add_record(parts: Commands) -> None:
     recording = command(
         parts, "record", record,
         examples=("fame log record -o run.mcap", "fame log record -o run.mcap --robot REX --log-topics all"),
@@ -46,6 +54,8 @@ def add(commands: Commands) -> None:
     add_network(recording)
     add_types(recording)
 
+
+def _add_convert(parts: Commands) -> None:
     converting = command(
         parts, "convert", convert,
         examples=(
@@ -75,6 +85,8 @@ def add(commands: Commands) -> None:
         help="the events of this robot only, or of those that a pattern names ('Carrier_*'); repeatable",
     )  # fmt: skip
 
+
+def _add_merge(parts: Commands) -> None:
     merging = command(
         parts, "merge", merge,
         examples=("fame log merge REX-*.mcap DINGO-*.mcap -o team.mcap",),
@@ -83,18 +95,17 @@ def add(commands: Commands) -> None:
     merging.add_argument("recordings", type=Path, nargs="+", metavar="FILE.mcap")
     _add_output(merging, "FILE.mcap", "the merged recording, in place of an old one")
 
-    collection.add(parts)
+
+def _add_judge(parts: Commands) -> None:
     judging = command(
         parts, "judge", lambda arguments: int(load(JUDGE_COMMAND)(arguments)),
         examples=("fame log judge mission.properties.yaml run.mcap", "fame log judge examples/agriculture.yaml out"),
         help="judge the properties of a team in recordings: what fame run says while it runs",
     )  # fmt: skip
     judging.add_argument(
-        "properties",
-        type=Path,
-        metavar="FILE.yaml",
+        "properties", type=Path, metavar="FILE.yaml",
         help="properties (NAME.properties.yaml), or a scenario that has some",
-    )
+    )  # fmt: skip
     judging.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN",
         help="a recording (.mcap), a bag of ROS 2, a log (.jsonl, .csv, .xes, .xes.gz, .ocel.json: of the model beside "

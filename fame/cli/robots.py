@@ -222,6 +222,13 @@ def _lines(robot: str, report: Report) -> Iterator[tuple[str, str, str, str]]:
 
 
 def add_requests(commands: Commands) -> None:
+    _add_for_tasks(commands)
+    _add_for_missions(commands)
+    _add_for_tokens(commands)
+
+
+def _add_for_tasks(commands: Commands) -> None:
+    """Requests for elements that wait for somebody."""
     completing = _add_request(
         commands, "complete", element="id of the task; fame status shows where tokens wait",
         examples=("fame complete REX Task_Inspect", "fame complete REX Task_Release --value approved=true"),
@@ -236,11 +243,39 @@ def add_requests(commands: Commands) -> None:
         examples=("fame activate REX Task_Photo", "fame activate REX Task_Photo --json"),
         help="start an element of an open ad-hoc sub-process of a running robot, again if it has already run",
     )  # fmt: skip
+
+
+def _add_for_missions(commands: Commands) -> None:
+    """Requests for a mission as a whole."""
     aborting = _add_request(
         commands, "abort", examples=("fame abort REX", "fame abort REX --key team.key"),
         help="end an undecided deployment on a robot (fame status: holding); it keeps its old process",
     )  # fmt: skip
     aborting.set_defaults(command=abort)
+    _add_request(
+        commands, "suspend", examples=("fame suspend REX", "fame suspend REX --key team.key"),
+        help="suspend the mission of a running robot, in its safe state, until fame continue",
+    )  # fmt: skip
+    taking = _add_request(
+        commands, "take_over", examples=("fame take-over REX", "fame take-over REX --key team.key"),
+        help="suspend the mission of a running robot and let a joystick's node steer it, until Ctrl-C",
+    )  # fmt: skip
+    taking.set_defaults(command=take_over)
+    _add_request(
+        commands, "continue", examples=("fame continue REX",),
+        help="let a suspended mission continue: activities begin again with their variables",
+    )  # fmt: skip
+    setting = _add_request(
+        commands, "set", examples=("fame set REX speed=0.5", "fame set REX home='[1, 2]' --key team.key"),
+        help="set variables of a running robot's mission",
+    )  # fmt: skip
+    setting.add_argument(
+        "value", nargs="+", type=value, metavar="NAME=VALUE", help="a number, text, true, false, a list"
+    )
+
+
+def _add_for_tokens(commands: Commands) -> None:
+    """Requests that repair a mission at an element."""
     retrying = _add_request(
         commands, "retry", element="id of the element; fame status shows the incidents",
         examples=("fame retry REX Task_Grip", "fame retry REX Task_Grip --set force=12"),
@@ -265,26 +300,6 @@ def add_requests(commands: Commands) -> None:
         examples=("fame fail REX Task_GoTo",),
         help="raise the error taken_over at an element of a suspended robot, whose mission continues",
     )  # fmt: skip
-    _add_request(
-        commands, "suspend", examples=("fame suspend REX", "fame suspend REX --key team.key"),
-        help="suspend the mission of a running robot, in its safe state, until fame continue",
-    )  # fmt: skip
-    taking = _add_request(
-        commands, "take_over", examples=("fame take-over REX", "fame take-over REX --key team.key"),
-        help="suspend the mission of a running robot and let a joystick's node steer it, until Ctrl-C",
-    )  # fmt: skip
-    taking.set_defaults(command=take_over)
-    _add_request(
-        commands, "continue", examples=("fame continue REX",),
-        help="let a suspended mission continue: activities begin again with their variables",
-    )  # fmt: skip
-    setting = _add_request(
-        commands, "set", examples=("fame set REX speed=0.5", "fame set REX home='[1, 2]' --key team.key"),
-        help="set variables of a running robot's mission",
-    )  # fmt: skip
-    setting.add_argument(
-        "value", nargs="+", type=value, metavar="NAME=VALUE", help="a number, text, true, false, a list"
-    )
     moving = _add_request(
         commands, "move", element="id of the element where the token waits; it is cancelled", metavar="FROM",
         examples=("fame move REX Task_Grip Task_Ask",),

@@ -143,25 +143,7 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("expected at least one robot to run, got none", file=scenario.file)
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
-    if arguments.speed is not None and not arguments.view:
-        raise ConfigError(
-            "--speed needs --view, or --middleware dds, zenoh or ros: a run in one process is as fast as possible, "
-            "or in real time with --real-time"
-        )
-    if arguments.paused and not arguments.view:
-        raise ConfigError("--paused needs --view")
-    if vars(arguments).get("as") and not arguments.view:
-        raise ConfigError("--as needs --view: its addresses are of a page")
-    if arguments.on_error == "hold" and not arguments.view:
-        raise ConfigError("--on-error hold needs --view, where somebody repairs what has failed")
-    if arguments.state is not None:
-        raise ConfigError("--state needs --middleware dds, zenoh or ros; in one process see Simulation.save")
-    if arguments.lockstep:
-        raise ConfigError("--lockstep needs --middleware dds or zenoh")
-    if arguments.key is not None:
-        raise ConfigError("--key needs --middleware dds, zenoh or ros: nothing is deployed to one process")
-    if arguments.real_time and arguments.view:
-        raise ConfigError("--real-time does not go with --view: it runs at wall-clock speed, or at --speed")
+    _check_options(arguments)
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with (
@@ -187,6 +169,29 @@ def run(arguments: Namespace) -> int:
             load(VIEW_WAIT)()
             return code
     return _print_result(arguments, result)
+
+
+def _check_options(arguments: Namespace) -> None:
+    """Raise ConfigError for options that a run in one process does not have."""
+    if arguments.speed is not None and not arguments.view:
+        raise ConfigError(
+            "--speed needs --view, or --middleware dds, zenoh or ros: a run in one process is as fast as possible, "
+            "or in real time with --real-time"
+        )
+    if arguments.paused and not arguments.view:
+        raise ConfigError("--paused needs --view")
+    if vars(arguments).get("as") and not arguments.view:
+        raise ConfigError("--as needs --view: its addresses are of a page")
+    if arguments.on_error == "hold" and not arguments.view:
+        raise ConfigError("--on-error hold needs --view, where somebody repairs what has failed")
+    if arguments.state is not None:
+        raise ConfigError("--state needs --middleware dds, zenoh or ros; in one process see Simulation.save")
+    if arguments.lockstep:
+        raise ConfigError("--lockstep needs --middleware dds or zenoh")
+    if arguments.key is not None:
+        raise ConfigError("--key needs --middleware dds, zenoh or ros: nothing is deployed to one process")
+    if arguments.real_time and arguments.view:
+        raise ConfigError("--real-time does not go with --view: it runs at wall-clock speed, or at --speed")
 
 
 def _print_result(arguments: Namespace, result: Result, *, reports: bool = True) -> int:
