@@ -182,6 +182,22 @@ def test_with_wrong_keys_robots_are_not_asked(tmp_path: Path, capsys: pytest.Cap
     assert [each["verdict"] for each in found if each["check"] in ("keys", "robots")] == ["wrong", "not known"]
 
 
+def test_a_report_of_a_fault_has_what_was_found_and_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.setenv("SECRET", "of mine")
+    file = tmp_path / "fault.json"
+    words = ["doctor", "--trust", str(tmp_path / "team.pub")]
+    assert main([*words, "--json", "--report", str(file)]) == 1
+    report = json.loads(file.read_text())
+    assert report["findings"] == json.loads(capsys.readouterr().out)["findings"]
+    assert report["environment"]["ROS_DOMAIN_ID"] == "7"
+    assert {"lxml", "numpy"} <= report["packages"].keys()
+    assert "of mine" not in file.read_text()
+    assert main([*words, "--report", str(tmp_path / "no" / "fault.json")]) == 2
+
+
 # ---- the team --------------------------------------------------------------------------------------------------------
 
 
@@ -251,7 +267,7 @@ def test_another_version_is_told() -> None:
 @pytest.mark.parametrize(
     "middleware", [pytest.param("dds", marks=pytest.mark.dds), pytest.param("zenoh", marks=pytest.mark.zenoh)]
 )
-def test_robots_that_are_there_answer_and_others_are_missed(middleware: str) -> None:
+def test_robots_that_are_there_answer_and_others_are_missed(middleware: str, tmp_path: Path) -> None:
     environment = os.environ | {"ROS_DOMAIN_ID": str(PROCESSES)}
     fame = [sys.executable, "-m", "fame"]
     words = [*fame, "engine", "REX", "--middleware", middleware]
@@ -259,7 +275,12 @@ def test_robots_that_are_there_answer_and_others_are_missed(middleware: str) -> 
         assert engine.stderr is not None
         engine.stderr.readline()  # it waits for its process
         words = [*fame, "doctor", "REX", "DINGO", "--wait", "30", "--middleware", middleware, "--json"]
+        words += ["--report", str(tmp_path / "fault.json")]
         done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120, check=False)
+        for names, code in ((["REX"], 0), (["REX", "DINGO"], 1)):
+            words = [*fame, "status", *names, "--middleware", middleware, "--json"]
+            told = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120, check=False)
+            assert (told.returncode, list(json.loads(told.stdout)["robots"])) == (code, ["REX"])
         engine.send_signal(signal.SIGTERM)
     found = json.loads(done.stdout)["findings"]
     assert done.returncode == 1
@@ -268,3 +289,4 @@ def test_robots_that_are_there_answer_and_others_are_missed(middleware: str) -> 
     assert rex[0]["text"] == "waiting"
     assert "answers after" in rex[1]["text"]
     assert rex[1]["verdict"] in ("ok", "not known")  # a busy machine answers late
+    assert json.loads((tmp_path / "fault.json").read_text())["robots"]["REX"]["state"] == "waiting"

@@ -72,7 +72,29 @@ def test_a_unit_has_the_options_of_the_engine_and_a_state_directory(
     assert f"ExecStart={sys.executable} {engine}" in lines
     assert {f"WorkingDirectory={tmp_path}", "User=robot", "StateDirectory=fame", "Type=notify"} <= set(lines)
     assert {"Environment=ROS_DOMAIN_ID=7", "WatchdogSec=30", "Restart=on-failure"} <= set(lines)
-    assert "StateDirectory=fame" not in printed(capsys, "--state", "here").splitlines()
+    assert "RestartPreventExitStatus=2" in lines  # a mistyped command is not started for ever
+    assert f"ReadWritePaths=/tmp /var/tmp {tmp_path}" in lines
+
+
+def test_a_sandbox_opens_the_folders_that_the_engine_writes(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = printed(capsys, "--user", "robot", "--state", "here", "--log", "a b", "--files", "/srv/code").splitlines()
+    assert "StateDirectory=fame" not in lines
+    made = f'{tmp_path}/here "{tmp_path}/a b"'
+    assert f"ExecStartPre=+install --directory --mode=0700 --owner=robot {made}" in lines
+    assert f"ReadWritePaths=/tmp /var/tmp {tmp_path} /srv/code {made}" in lines
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd-analyze")
+def test_systemd_finds_a_unit_hardened(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Exposure from 0 (none) to 10: below 3. The network and this machine's shared memory are what a robot needs."""
+    unit = tmp_path / "fame-REX.service"
+    unit.write_text(printed(capsys, "--user", "robot"))
+    words = ["systemd-analyze", "security", "--offline=yes", "--threshold=29", "--no-pager", unit]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd-analyze")

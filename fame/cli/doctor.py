@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import shutil
 import subprocess
+import sys
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import closing
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -47,6 +50,8 @@ _FREE = 100_000_000
 """Bytes that a folder of states needs at least."""
 _APART = 0.1
 """Seconds that the clock of a robot may be apart from this one: dates of timers and bounds of properties read both."""
+_TOLD = ("ROS_", "RMW_", "FAME_", "CYCLONEDDS_", "ZENOH_", "AMENT_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
+"""Names, or their beginnings, of variables of the environment that matter to a fault."""
 _NET = Path("/sys/class/net")
 _RECEIVED = Path("/proc/sys/net/core/rmem_max")
 _LOOPBACK, _MULTICAST = 0x8, 0x1000  # IFF_LOOPBACK, IFF_MULTICAST of <linux/if.h>
@@ -59,6 +64,7 @@ def add(commands: Commands) -> None:
             "fame doctor",
             "fame doctor REX DINGO --network wlan0 --trust team.pub",
             "fame doctor --middleware zenoh --router 10.0.0.7 --state /var/lib/fame/REX --json",
+            "fame doctor --report fault.json",
         ),
         help="look at this installation (packages and what each is for, shared memory, loopback) and its team (clock, "
         "network, keys, types, folders, the time to robots), each with "
@@ -70,6 +76,11 @@ def add(commands: Commands) -> None:
     add_key(parser, "read this key, with which you sign missions")
     parser.add_argument("--state", type=Path, metavar="DIR", help="the folder in which an engine keeps its mission")
     add_types(parser)
+    parser.add_argument(
+        "--report", type=Path, metavar="FILE",
+        help="also write what a report of a fault needs: this, versions of packages, the system, variables of ROS, "
+        "DDS, Zenoh and FAME, and what each robot says of itself; no keys, models or recordings",
+    )  # fmt: skip
     add_network(parser)
     add_json(parser)
 
@@ -77,21 +88,47 @@ def add(commands: Commands) -> None:
 def run(arguments: Namespace) -> int:
     """Look at everything, print what was found, and return the exit code."""
     findings = []
-    for finding in examine(arguments):
+    reports: dict[str, Report] = {}
+    if arguments.report is not None:
+        arguments.report.touch()  # what cannot be written is told before robots are looked for
+    for finding in examine(arguments, reports):
         findings.append(finding)
         if not arguments.json:
             mend = f"\n{'':<9}  -> {finding.mend}" if finding.mend else ""
             print(f"{finding.verdict:<9}  {finding.check}: {finding.text}{mend}", flush=True)
     verdicts = {finding.verdict for finding in findings}
     code = 1 if "wrong" in verdicts else NOT_KNOWN if "not known" in verdicts else 0
+    found = {
+        "status": {0: "completed", 1: "failed"}.get(code, "partial"),
+        "findings": [one._asdict() for one in findings],
+    }
     if arguments.json:
-        status = {0: "completed", 1: "failed"}.get(code, "partial")
-        print_json({"status": status, "findings": [finding._asdict() for finding in findings]})
+        print_json(found)
+    if arguments.report is not None:
+        arguments.report.write_text(json.dumps(fault_report(found, reports), indent=1) + "\n", encoding="utf-8")
+        note(f"{arguments.report} is written: read it before you send it, and add the model, and a recording (--log)")
     return code
 
 
-def examine(arguments: Namespace) -> Iterator[Finding]:
-    """Yield the findings about this machine, then about the team."""
+def fault_report(found: Mapping[str, Any], reports: Mapping[str, Report]) -> Mapping[str, Any]:
+    """Return what somebody needs to know who is to find a fault on another machine, as JSON."""
+    from fame.deploy.fields import values
+
+    packages = {one.name: one.version for one in metadata.distributions()}
+    environment = {key: value for key, value in os.environ.items() if key.startswith(_TOLD)}
+    return {
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
+        "system": f"{platform.platform()}, {os.cpu_count()} processors",
+        "python": f"{platform.python_implementation()} {platform.python_version()}, {sys.executable}",
+        "environment": dict(sorted(environment.items())),
+        "packages": dict(sorted(packages.items(), key=lambda one: str(one[0]).lower())),
+        **found,
+        "robots": {robot: values(report) for robot, report in sorted(reports.items())},
+    }
+
+
+def examine(arguments: Namespace, reports: MutableMapping[str, Report]) -> Iterator[Finding]:
+    """Yield the findings about this machine, then about the team, the `reports` of whose robots are filled in."""
     alone = arguments.network is None and not arguments.robots
     yield from packages(arguments.middleware, needed=not alone)
     if alone:
@@ -116,7 +153,9 @@ def examine(arguments: Namespace) -> Iterator[Finding]:
             if alone:
                 with closing(connect(arguments.middleware, scheduler, arguments.network)) as other:
                     yield loopback(scheduler, middleware, other)
-            yield from _Team(arguments, scheduler, middleware).findings()
+            team = _Team(arguments, scheduler, middleware)
+            yield from team.findings()
+            reports.update(team.reports)
     except FameError as error:
         if not isinstance(error, UnavailableError) and all(finding.verdict == "ok" for finding in of_network):
             raise  # a wrong request
@@ -276,6 +315,7 @@ class _Team:
         self._arguments, self._scheduler, self._middleware = arguments, scheduler, middleware
         self._trusted = trusted_keys(arguments)
         self._answers: dict[str, ClockAnswer] = {}
+        self.reports: Mapping[str, Report] = {}
 
     def findings(self) -> Iterator[Finding]:
         """Yield the findings about each robot, after a while."""
@@ -303,14 +343,14 @@ class _Team:
     def _ask(self, robots: list[str]) -> None:
         """Listen to the reports of robots, and ask them for their time."""
         node = self._middleware.node("_fame_doctor")
-        self._reports, self._rivals, self._strange = subscribe_reports(node, robots, self._trusted)
+        self.reports, self._rivals, self._strange = subscribe_reports(node, robots, self._trusted)
         everyone = set(robots)
         self._answers = ask_times(
-            node, self._scheduler, robots, lambda: self._reports.keys() >= everyone, self._arguments.wait
+            node, self._scheduler, robots, lambda: self.reports.keys() >= everyone, self._arguments.wait
         )
 
     def _robot(self, robot: str) -> Iterator[Finding]:
-        report, answer = self._reports.get(robot), self._answers.get(robot)
+        report, answer = self.reports.get(robot), self._answers.get(robot)
         if robot in self._rivals:
             yield Finding(robot, "wrong", "two engines have this name", f"end fame engine {robot} on one computer")
         if report is None:

@@ -42,9 +42,11 @@ HEADS = ("robot", "state", "model", "instances", "token at", "since", "waits for
 def add_status(commands: Commands) -> None:
     parser = command(
         commands, "status", run_status,
-        examples=("fame status", "fame status --json", "fame status --why REX", "fame status --why REX Event_Order"),
-        help="show the state of every robot: model, instances, where its tokens wait, since when, and for what",
+        examples=("fame status", "fame status REX", "fame status --json", "fame status --why REX Event_Order"),
+        help="show the state of every robot: model, instances, where its tokens wait, since when, and for what; exit "
+        "code 1 if one that is named is silent",
     )  # fmt: skip
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="show these robots only, and wait for them")
     add_trust(
         parser, "show only signed states; engines that prove their names with this key take precedence; repeatable"
     )
@@ -68,13 +70,18 @@ def run_status(arguments: Namespace) -> int:
     from fame.deploy.status import HEARTBEAT
     from fame.version import current as version
 
-    trusted = trusted_keys(arguments)
+    trusted, named = trusted_keys(arguments), set(arguments.robots)
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
-        robots = engines(middleware)
+        wait_until(scheduler, lambda: named <= set(engines(middleware)), _PATIENCE if named else 0.0)
+        robots = arguments.robots or engines(middleware)
         reports, rivals, strange = subscribe_reports(middleware.node("_fame_status"), robots, trusted)
         scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
+        wait_until(scheduler, lambda: named <= reports.keys(), _PATIENCE if named else 0.0)
+        strange = {**strange, **dict.fromkeys(named - set(engines(middleware)), "no engine of this name was found")}
     silent = silences(reports, robots, _LISTENING * HEARTBEAT)
+    if named:
+        silent = {name: seconds for name, seconds in silent.items() if name in named}
     if not reports and not silent:
         raise DeploymentError("no engine was found")
     if arguments.json:
@@ -90,7 +97,7 @@ def run_status(arguments: Namespace) -> int:
             lines.setdefault(name, []).append(("", "", "", "", "", "", text, ""))
         print(table(HEADS, [row for name in sorted(lines) for row in lines[name]]))
         print(f"\nhere is FAME {version()}; fame doctor compares the robots with it")
-    return 0
+    return int(any(name in named for name in silent))
 
 
 def subscribe_reports(

@@ -16,6 +16,8 @@ _WATCHDOG = 30
 """Seconds without a sign of life after which systemd starts the engine again."""
 _KEPT = ("ROS_", "RMW_", "FAME_LEASE", "CYCLONEDDS_", "ZENOH_", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH")
 """Names, or their beginnings, of variables of the environment that an engine needs where systemd starts it."""
+_KEEPING = ("state", "log")
+"""Options with a folder that the engine makes and writes."""
 _UNIT = """[Unit]
 Description=FAME engine of {name}
 Wants=network-online.target
@@ -29,13 +31,46 @@ WorkingDirectory={folder}
 {lines}
 Restart=on-failure
 RestartSec=2
+RestartPreventExitStatus=2
 WatchdogSec={watchdog}
 KillMode=mixed
 TimeoutStopSec=20
-
+{sandbox}
 [Install]
 WantedBy=multi-user.target
 """
+_SANDBOX = """\
+MemoryMax=50%
+TasksMax=512
+UMask=0027
+NoNewPrivileges=yes
+CapabilityBoundingSet=
+ProtectSystem=strict
+ProtectHome=read-only
+ReadWritePaths=/tmp /var/tmp {written}
+ProtectProc=invisible
+ProtectClock=yes
+ProtectHostname=yes
+ProtectControlGroups=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+RestrictNamespaces=yes
+RestrictRealtime=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+RemoveIPC=yes
+DevicePolicy=closed
+DeviceAllow=char-ttyUSB rw
+DeviceAllow=char-ttyACM rw
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallFilter=~@privileged
+SystemCallErrorNumber=EPERM
+"""
+"""systemd.exec(5). /tmp and shared memory are those of the machine: ROS 2 and DDS meet there. Serial lines are for the
+processor `Machine`."""
 
 
 def add(commands: Commands) -> None:
@@ -58,15 +93,27 @@ def run(arguments: Namespace) -> int:
     (name,) = arguments.names
     given = [(action, words) for action, words in arguments.leaf.given if action.dest != "user"]
     words = [word for action, values in given for word in (*action.option_strings[-1:], *values)]
-    lines = [f"User={_escaped(arguments.user or getpass.getuser())}"]
+    user = arguments.user or getpass.getuser()
+    lines = [f"User={_escaped(user)}"]
     if arguments.state is None:
         lines.append("StateDirectory=fame")
         words += ["--state", f"/var/lib/fame/{name}"]
     kept = sorted((key, value) for key, value in os.environ.items() if key.startswith(_KEPT))
     lines += [f"Environment={_quoted(f'{key}={value}')}" for key, value in kept]
     run_by = " ".join(_quoted(word.replace("$", "$$")) for word in (sys.executable, "-m", "fame", "engine", *words))
-    place = _escaped(str(Path.cwd()))
-    print(_UNIT.format(name=name, command=run_by, folder=place, lines="\n".join(lines), watchdog=_WATCHDOG), end="")
+    kept_in = [Path.cwd() / folder for key in _KEEPING if (folder := getattr(arguments, key)) is not None]
+    if kept_in:  # the sandbox opens what is there; "+": outside of it
+        folders = " ".join(_quoted(str(folder)).replace("$", "$$") for folder in kept_in)
+        lines.append(f"ExecStartPre=+install --directory --mode=0700 --owner={_quoted(user)} {folders}")
+    writes = [Path.cwd(), Path.cwd() / (arguments.files or ""), *kept_in]
+    written = " ".join(_quoted(str(folder)) for folder in dict.fromkeys(writes))
+    place, sandbox = _escaped(str(Path.cwd())), _SANDBOX.format(written=written)
+    print(
+        _UNIT.format(
+            name=name, command=run_by, folder=place, lines="\n".join(lines), watchdog=_WATCHDOG, sandbox=sandbox
+        ),
+        end="",
+    )
     return 0
 
 
