@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from monitor_runs import told
+from bpmn_text import process
+from monitor_runs import STATE, told
 
+from fame.bpmn import read_text
+from fame.bpmn.library import BUILT_IN
+from fame.bpmn.model import Definitions
+from fame.clock import SECOND, Scheduler
+from fame.deploy import Deployment, EngineNode
+from fame.deploy.options import DeploymentOptions
+from fame.middleware.local import LocalMiddleware
+from fame.monitor.data_files import LabelledRun
+from fame.monitor.judge import judge_trained
+from fame.monitor.judge_report import on_page
 from fame.monitor.model_card import card_of
+from fame.monitor.pipeline.configuration import load
+from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.sequence import FEWEST, judged, learned, order_of, visits
+from fame.monitor.pipeline.sequence import FEWEST, OrderWatch, judged, learned, order_of, visits
+from fame.monitor.pipeline.threshold import Threshold
 from fame.monitor.pipeline.train import Training, fit
 
 
@@ -101,3 +118,106 @@ def test_the_card_says_whether_the_order_is_judged_and_a_table_with_elements_is(
     code, found = told(capsys, "monitor", "judge", tmp_path / "m.skops", tmp_path / "new.csv")
     (one,) = found["runs"]
     assert (code, one["verdict"], one["order"]) == (1, "anomalous", ["C was left out", "D was left out"])
+
+
+def told_live(names: str, *, lost: float = -1.0, usual: dict[str, Any] = USUAL) -> list[tuple[float, str]]:
+    """What is told of elements that last 1 s each (a dot: none is active), a change at a time, and when (s)."""
+    watch, changes = OrderWatch(usual), ((-1.0, ""),)
+    found: list[tuple[float, str]] = []
+    for at, name in enumerate(names):
+        changes = (*changes, (float(at), name.strip(".")))
+        found += watch.feed(changes, at + 0.9, lost)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ("ABCD.", []),
+        ("ABCDABCDABCD.", []),
+        ("ACD.", [(1.0, "B was left out")]),
+        ("AB.", [(2.0, "C was left out"), (2.0, "D was left out")]),
+        ("ABCDABDABCD.", [(6.0, "C was left out")]),
+        ("ABCABCD.", [(3.0, "D was left out")]),
+        ("ABCC", [(3.0, "C came 2 times; in training 1")]),
+        ("ABXCD.", [(2.0, "X is new: no training run had it")]),
+        ("ABBBCD", [(2.0, "B came 2 times; in training 1"), (3.0, "B came 3 times; in training 1")]),
+    ],
+)
+def test_live_a_fault_of_the_order_is_told_once_and_as_soon_as_it_is_certain(
+    names: str, expected: list[tuple[float, str]]
+):
+    assert told_live(names) == expected
+
+
+def test_live_an_element_is_too_long_while_it_lasts():
+    watch, changes = OrderWatch(USUAL), ((0.0, "A"), (1.0, "B"))
+    assert watch.feed(changes, 1.9, -1.0) == []
+    ((stamp, text),) = watch.feed(changes, 3.0, -1.0)
+    assert (stamp, text.partition(";")[0]) == (3.0, "B lasted 2 s")
+    assert watch.feed((*changes, (3.5, "C")), 3.6, -1.0) == []
+
+
+def test_live_a_run_whose_begin_was_lost_is_not_judged_and_the_next_one_is():
+    assert told_live("CD.ACD.", lost=0.0) == [(4.0, "B was left out")]
+    assert told_live("ACD.", lost=0.0) == [(1.0, "B was left out")], "it begins as runs do"
+    assert told_live("ABCD.", lost=2.5) == [], "a batch was lost"
+
+
+def pick(*steps: str) -> Definitions:
+    """A mission that waits for a second in each step."""
+    timers = (
+        f'<intermediateCatchEvent id="{step}"><timerEventDefinition id="{step}_t"><timeDuration>PT1S</timeDuration>'
+        f"</timerEventDefinition></intermediateCatchEvent>"
+        for step in steps
+    )
+    flows = (
+        f'<sequenceFlow id="{a}_{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in pairwise(["begin", *steps, "over"])
+    )
+    return read_text(process(f'<startEvent id="begin"/>{"".join(timers)}<endEvent id="over"/>{"".join(flows)}'))
+
+
+def test_a_robot_that_leaves_out_an_element_raises_the_signal_anomaly_with_the_words(tmp_path: Path):
+    steps = {"A": "Approach", "B": "Grip", "C": "Place"}
+    runs = [run("ABC", seed) for seed in range(8)]
+    runs = [replace(each, elements=tuple((at, steps[name]) for at, name in each.elements)) for each in runs]
+    fit(runs, Training(window=10, detector="pca", false_alarms="0.2 per run")).save(tmp_path / "m.skops")
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    engine = EngineNode("p", scheduler=scheduler, middleware=middleware)
+    configuration = load(BUILT_IN[1] / "joint_monitor" / "threshold.yaml")
+    chain = [Threshold(model=str(tmp_path / "m.skops"))]
+    node = ProcessingNode(middleware, scheduler, configuration, processors=chain, namespace="p")
+    alarms: list[tuple[float, list[str], list[float]]] = []
+    middleware.node("person").subscription(
+        "/anomaly", STATE, lambda said: alarms.append((scheduler.now / SECOND, said.name, list(said.position)))
+    )
+
+    scheduler.run(SECOND)
+
+    def deploy(number: int, *ids: str) -> None:
+        options = DeploymentOptions(only=["p"])
+        sent = Deployment(
+            pick(*ids), id=f"d{number}", sequence=number, scheduler=scheduler, middleware=middleware,
+            ended=lambda deployment: deployment.close(), options=options,
+        )  # fmt: skip
+        sent.begin()
+        scheduler.run(scheduler.now + 8 * SECOND)
+
+    deploy(1, *steps.values())
+    assert alarms == []
+    deploy(2, "Approach", "Place")
+    ((when, words, excess),) = alarms
+    assert (words, excess) == (["Grip was left out"], [0.0])
+    assert 9.0 < when < 10.5, "when Place begins"
+    deploy(3, "Approach", "Grip")
+    assert [words for _, words, _ in alarms[1:]] == [["Place was left out"]]
+    node.close()
+    engine.close()
+
+
+def test_the_page_of_a_recording_has_an_alarm_with_the_words():
+    model = fit([run("ABCD", seed) for seed in range(8)], Training(window=10, detector="pca"))
+    aborted = run("ABC", 40)
+    given = LabelledRun(aborted, np.ones(len(aborted), dtype=np.int64), "a.mcap")
+    assert ["D was left out"] in [alarm["text"] for alarm in on_page(judge_trained(model, [given], "m"))["alarms"]]

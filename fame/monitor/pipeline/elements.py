@@ -78,11 +78,13 @@ class ElementFollower:
     """Follows a robot's mission by its ``bpmn_events``; `changes` are those of the active element, the last ones.
 
     The element is that of the mission itself, not one inside what it calls; those active at once are joined by a plus.
-    It is unknown (empty) before the first batch, and after a lost one until a robot gives its whole state again.
+    It is unknown (empty) before the first batch, and after a lost one until a robot gives its whole state again: up to
+    the stamp `lost`.
     """
 
     def __init__(self) -> None:
         self.changes: ActiveElements = ()
+        self.lost = -np.inf
         self._state: RobotState | None = None
         self._batch = 0
 
@@ -106,6 +108,7 @@ class ElementFollower:
         elif not following:
             self._state = None
         if self._state is None:
+            self.lost = begin + 1e-9 * batch["time"]
             self._state = RobotState.from_key(batch["key"]) if "key" in batch else None
         else:
             for kind, time, data in batch["changes"]:

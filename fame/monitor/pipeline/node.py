@@ -181,14 +181,14 @@ class ProcessingNode(InputNode):
         self._due += (late + 1) * self._period
         self.calls += 1
         inputs = self.take() if self._joiner is None else self._joiner.feed(self.take())
-        if not inputs or any(map(len, inputs.values())):
+        if not inputs or self._by_phase or any(map(len, inputs.values())):
             self._execute(inputs)
         self._entries[0] = self.scheduler.at(self._due, self._call, Kind.TIMER)
 
     def _execute(self, inputs: Mapping[str, Samples]) -> None:
         current: Mapping[str, Any] = inputs
         for processor in self._by_phase:
-            processor.elements = self.follower.changes
+            processor.elements, processor.lost = self.follower.changes, self.follower.lost
         latest = max((float(item.stamps[-1]) for item in inputs.values() if len(item)), default=None)
         stamp = self.scheduler.now / SECOND if latest is None else latest
         for processor in self.processors:

@@ -2,7 +2,7 @@
 
 Learned from the training runs: which element follows which, how often each occurs in a run, with which one runs begin
 and end, and how long a visit lasts. A run is judged by its changes alone, so it needs no detector: `element` columns of
-any table tell them, and so does a mission live.
+any table tell them, and so does a mission live, where a fault is told when it is certain (`OrderWatch`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
-from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.processor import ActiveElements, Samples
 
 FEWEST = 4
 """Runs below which no order is learned."""
@@ -53,23 +53,35 @@ def learned(runs: Sequence[Samples]) -> dict[str, Any]:
 
 def judged(run: Samples, usual: dict[str, Any]) -> list[str]:
     """Return what is wrong with the order of a run's elements, in sentences; nothing without elements or an order."""
-    if not usual or not run.elements:
-        return []
-    seen = visits(run)
+    return faults(visits(run), usual) if usual and run.elements else []
+
+
+def faults(seen: Visits, usual: dict[str, Any], *, ended: bool = True) -> list[str]:
+    """Return what is wrong with the visits of a run; before it has `ended`, what is certain already."""
     count, pairs = Counter(name for name, *_ in seen), {(a, b) for a, b in usual["pairs"]}
-    found = [f"{name} was left out" for name, (least, _) in usual["often"].items() if not count[name] and least]
+    coming = set() if ended or not seen else _later(seen[-1][0], pairs)
+    often = usual["often"].items()
+    found = [f"{name} was left out" for name, (least, _) in often if least and not count[name] and name not in coming]
     for name, number in count.items():
         least, most = usual["often"].get(name, [0, 0])
         if not most:
             found.append(f"{name} is new: no training run had it")
-        elif number > most or number < least:
+        elif number > most or (number < least and name not in coming):
             found.append(f"{name} came {number} times; in training {least if least == most else f'{least} to {most}'}")
-    wrong = [] if found else list(_wrong_order(seen, pairs))
-    return [*found, *wrong, *_wrong_times(seen, usual["lasts"])]
+    wrong = [] if found else list(_wrong_order(seen, pairs, ended))
+    return [*found, *wrong, *_wrong_times(seen, usual["lasts"], ended)]
 
 
-def _wrong_order(seen: Visits, pairs: set[tuple[str, str]]) -> Iterator[str]:
-    names = ["", *(name for name, *_ in seen), ""]
+def _later(name: str, pairs: set[tuple[str, str]]) -> set[str]:
+    """Return the elements that can still come after one; all after one that no training run had."""
+    found = {b for a, b in pairs if a == name} or {b for _, b in pairs}
+    while more := {b for a, b in pairs if a in found and a} - found:
+        found |= more
+    return found
+
+
+def _wrong_order(seen: Visits, pairs: set[tuple[str, str]], ended: bool) -> Iterator[str]:
+    names = ["", *(name for name, *_ in seen), *([""] if ended else [])]
     for before, after in pairwise(names):
         if (before, after) not in pairs:
             if not before:
@@ -80,14 +92,77 @@ def _wrong_order(seen: Visits, pairs: set[tuple[str, str]]) -> Iterator[str]:
                 yield f"{after} came after {before}"
 
 
-def _wrong_times(seen: Visits, lasts: dict[str, list[float]]) -> Iterator[str]:
-    """Say which visits lasted too long or too short; not the first and the last, which a recording may cut."""
-    for name, _, long in seen[1:-1]:
+def _wrong_times(seen: Visits, lasts: dict[str, list[float]], ended: bool) -> Iterator[str]:
+    """Say which visits lasted too long or too short; not the first and the last, which a recording may cut. The last
+    one of a run that has not ended may be too long already."""
+    for number, (name, _, long) in enumerate(seen[1 : -1 if ended else None], start=2):
         if name in lasts:
             least, most = lasts[name]
             slack = max(LONGER * (most - least), LEAST * most)
-            if not least - slack <= long <= most + slack:
+            lasting = number == len(seen)
+            if long > most + slack or (long < least - slack and not lasting):
                 yield f"{name} lasted {long:.3g} s; in training {least:.3g} to {most:.3g} s"
+
+
+class OrderWatch:
+    """Judges the order of elements while they change, each run by itself: a fault is told once, when it is certain.
+
+    A run ends when no element is active; without such a pause, when one that runs begin with comes again, or after one
+    that runs end with. A run whose begin was not seen is judged only if it begins as the training runs do.
+    """
+
+    def __init__(self, usual: dict[str, Any]) -> None:
+        self._usual = usual
+        self._pairs = {(a, b) for a, b in usual["pairs"]}
+        self._taken: tuple[float, str] | None = None  # the last change
+        self._seen: Visits = []
+        self._told = set[str]()
+        self._whole = True  # all of this run was seen
+
+    def feed(self, changes: ActiveElements, now: float, lost: float) -> list[tuple[float, str]]:
+        """Take the changes of the active element, until `now` (s), which were not known up to `lost` (s). Return new
+        faults with their stamps (s)."""
+        begin = changes.index(self._taken) + 1 if self._taken in changes else 0
+        found: list[tuple[float, str]] = []
+        for stamp, name in changes[begin:]:
+            found += self._take(stamp, name, stamp <= lost)
+        self._taken = changes[-1] if changes else None
+        if self._seen:
+            self._last(max(now, self._seen[-1][1]))
+            found += self._new(now, ended=False)
+        return found
+
+    def _take(self, stamp: float, name: str, lost: bool) -> list[tuple[float, str]]:
+        found: list[tuple[float, str]] = []
+        if self._seen:
+            self._last(stamp)
+            if lost or not name or self._begins(name):
+                found = [] if lost else self._new(stamp, ended=True)
+                self._seen, self._told = [], set()
+        if name:
+            if not self._seen:
+                self._whole = not lost or ("", name) in self._pairs
+            self._seen.append((name, stamp, 0.0))
+            found += self._new(stamp, ended=False)
+        return found
+
+    def _begins(self, name: str) -> bool:
+        """Return whether a new run begins with this element."""
+        last, most = self._seen[-1][0], self._usual["often"].get(name, [0, 0])[1]
+        again = sum(each == name for each, *_ in self._seen) >= most
+        after_end = (last, "") in self._pairs and (last, name) not in self._pairs
+        return ("", name) in self._pairs and (again or after_end)
+
+    def _last(self, stamp: float) -> None:
+        name, begin, _ = self._seen[-1]
+        self._seen[-1] = name, begin, stamp - begin
+
+    def _new(self, stamp: float, *, ended: bool) -> list[tuple[float, str]]:
+        texts = faults(self._seen, self._usual, ended=ended) if self._whole else []
+        found = {text.partition(" lasted ")[0]: text for text in texts}  # how long it lasts grows
+        new = [(stamp, text) for key, text in found.items() if key not in self._told]
+        self._told |= found.keys()
+        return new
 
 
 def order_of(runs: Sequence[Samples], asked: float) -> dict[str, Any]:

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, per_channel, stacked
+from fame.monitor.pipeline.processor import ActiveElements, Parameter, Processor, Result, Samples, per_channel, stacked
+from fame.monitor.pipeline.sequence import OrderWatch
+
+_Alarm = tuple[float, int, str, float, float]
+"""Stamp (s), channel, its name or a sentence, loss and excess."""
 
 
 class Threshold(Processor):
-    """Raises an alarm when any channel exceeds its threshold; again only after all of them have come well below.
+    """Raises an alarm when any channel exceeds its threshold; again only after all of them have come well below. With a
+    model that knows the order of the elements of a mission, also when one is left out, or comes in another order.
 
     `alarm`, `channel`, `name`, `loss`, `excess` have a sample per alarm: true, the channel that is farthest above its
     threshold, its name (a list of one), its value, and that divided by the threshold. `active` has one per judged
     sample: whether the alarm is set. A sample with a value that is no number is not judged, unless another channel is
-    above its threshold: it neither sets nor ends the alarm, and is reported.
+    above its threshold: it neither sets nor ends the alarm, and is reported. An alarm for the order has a sentence as
+    `name`, -1 as `channel`, 0 as `loss` and `excess`.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -35,17 +41,28 @@ class Threshold(Processor):
     model: str
     hysteresis: float
     names: tuple[str, ...]
+    elements: ActiveElements = ()
+    lost: float = -np.inf
 
     def __init__(self, **values: object) -> None:
         super().__init__(**values)
         self._active = False
-        if not self.threshold and self.model:
+        self._order: OrderWatch | None = None
+        if self.model:
             from fame.monitor.pipeline.trained_model import TrainedModel
 
             trained = TrainedModel.load(self.model)
-            self.threshold, self.names = trained.thresholds, self.names or trained.columns
+            if not self.threshold:
+                self.threshold, self.names = trained.thresholds, self.names or trained.columns
+            if usual := trained.conditions.get("order"):
+                self._order = OrderWatch(usual)
         if not self.threshold:
             raise ConfigError("needs a threshold, or a model with thresholds", element="threshold")
+
+    @property
+    def needs_elements(self) -> bool:
+        """Whether the model knows the order of the elements of a mission."""
+        return self._order is not None
 
     @property
     def threshold(self) -> tuple[float, ...]:
@@ -60,8 +77,9 @@ class Threshold(Processor):
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = stacked(inputs)
+        alarms = self._wrong_order(samples)
         if not len(samples):
-            return None
+            return _alarms(alarms) or None
         names, threshold = self._channels(samples)
         excess = samples.channels() / per_channel(threshold, samples.channels().shape, "threshold")
         unknown = np.isnan(excess)
@@ -73,16 +91,19 @@ class Threshold(Processor):
         active = self._states(worst, judged)
         rising = np.flatnonzero(active & ~np.concatenate(([self._active], active[:-1])))
         self._active = bool(active[-1])
-        stamps, channel = samples.stamps[rising], excess[rising].argmax(axis=1)
-        alarm: dict[str, Any] = {
-            "alarm": np.ones(len(rising), dtype=bool),
-            "channel": channel,
-            "name": np.array([[names[index]] for index in channel], dtype=object).reshape(-1, 1),
-            "loss": samples.channels()[rising, channel],
-            "excess": worst[rising],
-        }
-        alarms = {name: Samples(values, stamps) for name, values in alarm.items()} if len(rising) else {}
-        return {**alarms, "active": Samples(active[judged], samples.stamps[judged])}
+        for row, top in zip(rising.tolist(), excess[rising].argmax(axis=1).tolist(), strict=True):
+            loss = float(samples.channels()[row, top])
+            alarms.append((float(samples.stamps[row]), top, names[top], loss, float(worst[row])))
+        return {**_alarms(alarms), "active": Samples(active[judged], samples.stamps[judged])}
+
+    def _wrong_order(self, samples: Samples) -> list[_Alarm]:
+        if self._order is None:
+            return []
+        now = float(samples.stamps[-1]) if len(samples) else 0.0
+        wrong = self._order.feed(self.elements, now, self.lost)
+        for _, text in wrong:
+            self.report(text)
+        return [(stamp, -1, text, 0.0, 0.0) for stamp, text in wrong]
 
     def _channels(self, samples: Samples) -> tuple[tuple[str, ...], tuple[float, ...]]:
         """Return names and thresholds of the channels. Data that name theirs are matched to `names`, in any order.
@@ -105,6 +126,15 @@ class Threshold(Processor):
         states = np.concatenate(([int(self._active)], states))
         last = np.maximum.accumulate(np.where(states >= 0, np.arange(len(states)), 0))
         return states[last][1:].astype(bool)
+
+
+def _alarms(alarms: Sequence[_Alarm]) -> dict[str, Samples]:
+    """Return the outputs that have a sample per alarm; none without alarms."""
+    if not alarms:
+        return {}
+    stamps, channel, names, loss, excess = (np.array(part) for part in zip(*sorted(alarms), strict=True))
+    values = {"channel": channel, "name": names.astype(object).reshape(-1, 1), "loss": loss, "excess": excess}
+    return {name: Samples(each, stamps) for name, each in {"alarm": channel >= -1, **values}.items()}
 
 
 class Expression(Processor):
