@@ -3,4 +3,5 @@
 ::
 
     changes     two versions of a file, compared: in words, as JSON, as a picture
+    writer      what an editor has changed, written into the text of the file
 """

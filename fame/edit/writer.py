@@ -1,0 +1,338 @@
+"""Writes what was changed in an editor into the text of a file, which keeps everything else.
+
+An editor (bpmn-moddle) reads a file into its own model and writes all of it anew: comments, prefixes, entities, white
+space and what it does not know are lost. So three texts are compared: the `old` one of the file, the `base` that the
+editor writes of it unchanged, and the `new` one. What differs between `base` and `new` was done by somebody; it is
+applied to the elements of `old` that correspond to those of `base`. Elements correspond by id (shapes without one by
+the element that they show), else by equal content, else by their order among those of the same tag. An element that
+went into another one takes its text along. The order of elements with ids stays that of the old file.
+
+Invariant, tried by tests: the editor writes of the result what it wrote as `new`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import SequenceMatcher
+from typing import Any, NamedTuple
+
+from fame.bpmn.reader.xml import parse
+from fame.dataclasses import dataclass, field
+from fame.errors import ModelError
+
+_TOKEN = re.compile(
+    r"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[(?P<data>.*?)\]\]>|</(?P<close>[^\s>]+)\s*>"
+    r"|<(?P<open>[^\s/>!?]+)(?P<attributes>(?:\s+[^\s=]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*)\s*(?P<empty>/?)>",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r"\s+(?P<name>[^\s=]+)\s*=\s*(?P<quote>[\"'])(?P<value>.*?)(?P=quote)", re.DOTALL)
+_REFERENCE = re.compile(r"&(?:#x([0-9a-fA-F]+)|#([0-9]+)|(lt|gt|amp|quot|apos));")
+_NAMED = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
+_TYPE = ("http://www.w3.org/2001/XMLSchema-instance", "type")
+
+QName = tuple[str, str]
+"""(namespace, local name)"""
+
+
+class _Attribute(NamedTuple):
+    """An attribute, and where it is in the text, with the white space before it."""
+
+    value: str
+    start: int
+    end: int
+
+
+@dataclass(slots=True, eq=False)
+class _Tag:
+    """An element and its places in the text: of the element, and of what is between its tags."""
+
+    name: QName
+    attributes: dict[QName, _Attribute]
+    prefixes: Mapping[str, str]
+    start: int
+    inside: int
+    parent: _Tag | None = None
+    close: int = 0
+    end: int = 0
+    text: str = ""
+    children: list[_Tag] = field(default_factory=list)
+    _content: tuple[Any, ...] | None = None
+
+    @property
+    def key(self) -> tuple[Any, ...] | None:
+        """What tells it from others of its file, if anything does."""
+        values = (self.attributes.get(("", name)) for name in ("id", "bpmnElement"))
+        found = next((one.value.rpartition(":")[2] for one in values if one is not None), None)
+        return None if found is None else (self.name, found)
+
+    @property
+    def content(self) -> tuple[Any, ...]:
+        """All that it says, whatever the prefixes, the order of attributes and white space between elements."""
+        if self._content is None:
+            attributes = sorted((name, one.value) for name, one in self.attributes.items())
+            text = "" if self.children and not self.text.strip() else self.text
+            self._content = (self.name, tuple(attributes), text, tuple(one.content for one in self.children))
+        return self._content
+
+    def walk(self) -> Iterator[_Tag]:
+        """Yield it and all that is in it."""
+        yield self
+        for one in self.children:
+            yield from one.walk()
+
+
+def _unescaped(text: str) -> str:
+    def character(found: re.Match[str]) -> str:
+        hexadecimal, decimal, name = found.groups()
+        return _NAMED[name] if name else chr(int(hexadecimal, 16) if hexadecimal else int(decimal))
+
+    return _REFERENCE.sub(character, text.replace("\r\n", "\n"))
+
+
+def _read(text: str) -> _Tag:
+    """The elements of a well-formed document."""
+    top = _Tag(("", ""), {}, {"": "", "xml": "http://www.w3.org/XML/1998/namespace"}, 0, 0)
+    inner, end = top, 0
+    for token in _TOKEN.finditer(text):
+        inner.text += _unescaped(text[end : token.start()]) + (token["data"] or "").replace("\r\n", "\n")
+        end = token.end()
+        if token["open"]:
+            tag = _opened(inner, token)
+            inner.children.append(tag)
+            inner = tag if not token["empty"] else inner
+        elif token["close"]:
+            inner.close, inner.end = token.start(), end
+            assert inner.parent is not None
+            inner = inner.parent
+    return top.children[0]
+
+
+def _opened(parent: _Tag, token: re.Match[str]) -> _Tag:
+    given = list(_ATTRIBUTE.finditer(token["attributes"]))
+    declared = {one["name"][6:]: one["value"] for one in given if one["name"].partition(":")[0] == "xmlns"}
+    prefixes = {**parent.prefixes, **declared} if declared else parent.prefixes
+
+    def name(text: str, default: str) -> QName:
+        prefix, colon, local = text.rpartition(":")
+        return prefixes.get(prefix, prefix) if colon else default, local
+
+    shift, attributes = token.start("attributes"), dict[QName, _Attribute]()
+    for one in given:
+        if one["name"].partition(":")[0] != "xmlns":
+            value = _unescaped(re.sub(r"\r\n|[\t\n]", " ", one["value"]))  # moddle writes \r as it is
+            place = name(one["name"], "")
+            if place == _TYPE:  # a qualified name
+                value = " ".join(name(value, prefixes[""]))
+            attributes[place] = _Attribute(value, shift + one.start(), shift + one.end())
+    inside, end = token.end(), token.end()
+    tag = name(token["open"], prefixes[""])
+    return _Tag(tag, attributes, prefixes, token.start(), inside, parent, inside, end)
+
+
+# ---- what corresponds ------------------------------------------------------------------------------------------------
+
+
+def _pairs(some: Sequence[_Tag], others: Sequence[_Tag]) -> dict[_Tag, _Tag]:
+    """Which element of `others` corresponds to each of `some`."""
+    by_key = {one.key: one for one in others if one.key is not None}
+    found = {one: by_key[one.key] for one in some if one.key is not None and one.key in by_key}
+    left, right = [one for one in some if one.key is None], [one for one in others if one.key is None]
+    contents = [one.content for one in left], [one.content for one in right]
+    for block in SequenceMatcher(None, *contents, autojunk=False).get_matching_blocks():
+        found.update(zip(left[block.a : block.a + block.size], right[block.b : block.b + block.size], strict=True))
+    taken = set(found.values())
+    for one in (one for one in left if one not in found):
+        other = next((other for other in right if other not in taken and other.name == one.name), None)
+        if other is not None:
+            found[one] = other
+            taken.add(other)
+    return found
+
+
+# ---- writing ---------------------------------------------------------------------------------------------------------
+
+
+def save(old: str, base: str, new: str, *, file: str = "") -> str:
+    """Return the old text with what differs between two texts that an editor wrote of it. Raises ModelError."""
+    for text in (old, base, new):
+        parse(re.sub(r"\A\ufeff?(<\?xml[^>]*?)\sencoding\s*=\s*[\"'][^\"']*[\"']", r"\1", text).encode(), file)
+    writing = _Writing(old, _read(old), _read(base), _read(new))
+    return writing.text()
+
+
+def save_bytes(old: bytes, base: str, new: str, *, file: str = "") -> bytes:
+    """As `save`, for the content of a file, whose encoding stays. Raises ModelError."""
+    encoding = parse(old, file).getroottree().docinfo.encoding or "utf-8"
+    if old[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16-le" if old[0] == 0xFF else "utf-16-be"
+    try:
+        return save(old.decode(encoding), base, new, file=file).encode(encoding, "xmlcharrefreplace")
+    except (LookupError, UnicodeError):
+        raise ModelError(f"expected a text in {encoding}, as the file says", file=file) from None
+
+
+class _Writing:
+    """One text while changes are written into it."""
+
+    def __init__(self, source: str, old: _Tag, base: _Tag, new: _Tag) -> None:
+        self._source, self._old, self._base, self._new = source, old, base, new
+        self._newline = "\r\n" if "\r\n" in source else "\n"
+        first = source[old.inside : old.children[0].start] if old.children else "\n  "
+        self._unit = first.rpartition("\n")[2] if "\n" in first and first.isspace() else "  "
+        self._places = [{one.key: one for one in root.walk() if one.key is not None} for root in (old, base)]
+        every = (item for one in new.walk() for item in one.prefixes.items())
+        self._prefixes = {uri: prefix for prefix, uri in every if prefix}
+        self._missing: dict[str, str] = {}  # namespace -> prefix to declare
+
+    def text(self) -> str:
+        """Return the whole text."""
+        body = self._merged(self._old, self._base, self._new)
+        if self._missing:
+            declared = "".join(f' xmlns:{prefix}="{_quoted(uri)}"' for uri, prefix in self._missing.items())
+            end = re.match(r"<[^\s/>]+", body)
+            assert end is not None
+            body = body[: end.end()] + declared + body[end.end() :]
+        return self._source[: self._old.start] + body + self._source[self._old.end :]
+
+    def _merged(self, old: _Tag, base: _Tag, new: _Tag) -> str:
+        """The text of an old element with what differs between the other two."""
+        if base.content == new.content:
+            return self._source[old.start : old.end]
+        opening, body = self._opening(old, base, new), self._body(old, base, new)
+        if old.inside == old.end:  # <a/>
+            if not body:
+                return opening
+            opening = re.sub(r"\s*/>\Z", ">", opening)
+            return f"{opening}{body}</{self._tag_name(old)}>"
+        return opening + body + self._source[old.close : old.end]
+
+    def _tag_name(self, old: _Tag) -> str:
+        found = re.match(r"<([^\s/>]+)", self._source[old.start : old.inside])
+        assert found is not None
+        return found[1]
+
+    def _opening(self, old: _Tag, base: _Tag, new: _Tag) -> str:
+        """The opening tag with the changed attributes."""
+        text, shift = self._source[old.start : old.inside], old.start
+        changes = list[tuple[int, int, str]]()
+        end = old.inside - (2 if text.endswith("/>") else 1)
+        while self._source[end - 1].isspace():
+            end -= 1
+        for name in dict.fromkeys((*base.attributes, *new.attributes)):
+            before, now = base.attributes.get(name), new.attributes.get(name)
+            if (before and before.value) != (now and now.value):
+                place = old.attributes.get(name)
+                start, stop = (place.start, place.end) if place is not None else (end, end)
+                changes.append((start, stop, "" if now is None else self._attribute(old, name, now.value)))
+        for start, stop, written in sorted(changes, key=lambda one: one[:2], reverse=True):
+            space = re.match(r"\s*", self._source[start:stop])
+            written = (space[0] if space and space[0] else " ") + written if written else ""
+            text = text[: start - shift] + written + text[stop - shift :]
+        return text
+
+    def _attribute(self, old: _Tag, name: QName, value: str) -> str:
+        if name == _TYPE:
+            value = self._qualified(old, *value.split(" ", 1)) if " " in value else value
+        return f'{self._qualified(old, *name, attribute=True)}="{_quoted(value)}"'
+
+    def _qualified(self, scope: _Tag, uri: str, local: str, *, attribute: bool = False) -> str:
+        """A name with the prefix that the old text has for its namespace there."""
+        if not uri:
+            return local
+        known = [prefix for prefix, one in scope.prefixes.items() if one == uri and (prefix or not attribute)]
+        if not known and uri not in self._missing:
+            stem = self._prefixes.get(uri) or "ns"
+            taken = {*scope.prefixes, *self._missing.values()}
+            self._missing[uri] = next(
+                one for number in range(len(taken) + 1) if (one := f"{stem}{number or ''}") not in taken
+            )
+        prefix = known[0] if known else self._missing[uri]
+        return f"{prefix}:{local}" if prefix else local
+
+    # ---- content -----------------------------------------------------------------------------------------------------
+
+    def _body(self, old: _Tag, base: _Tag, new: _Tag) -> str:
+        """What is between the tags of an old element, with what differs between the other two."""
+        source, to_base, to_new = self._source, _pairs(old.children, base.children), _pairs(base.children, new.children)
+        if not (base.children or new.children):
+            inside = source[old.inside : old.close]
+            return inside if base.text == new.text else _written(new.text, inside)
+        pieces, written = list[list[str]](), dict[_Tag, list[str]]()
+        end = old.inside
+        for child in old.children:
+            gap, end = source[end : child.start], child.end
+            before = to_base.get(child)
+            now = to_new.get(before) if before is not None else None
+            if before is None or now is not None:
+                text = self._merged(child, before, now) if before is not None and now is not None else ""
+                pieces.append([gap, text or source[child.start : child.end]])
+                written |= {now: pieces[-1]} if now is not None else {}
+            elif gap.strip():  # a comment stays
+                pieces.append([gap.rstrip(), ""])
+        tail = source[end : old.close]
+        self._insert(old, new, pieces, written)
+        if pieces and not tail and "\n" in pieces[0][0] and not old.children:
+            tail = self._newline + self._indent(old)
+        return "".join(gap + text for gap, text in pieces) + tail
+
+    def _insert(self, old: _Tag, new: _Tag, pieces: list[list[str]], written: dict[_Tag, list[str]]) -> None:
+        """Add the new children of an element, each behind the one before it."""
+        if old.children:
+            first = self._source[old.inside : old.children[0].start]
+            space = first[len(first.rstrip()) :]
+        else:
+            own = self._own_space(old)
+            space = self._newline + self._indent(old) + self._unit if "\n" in own else ""
+        place = 0
+        for child in new.children:
+            if child in written:
+                place = next(number for number, one in enumerate(pieces) if one is written[child]) + 1
+            else:
+                pieces.insert(place, [space, self._new_text(old, child, space)])
+                place += 1
+
+    def _new_text(self, parent: _Tag, child: _Tag, space: str) -> str:
+        """The text of an element that is new there: as it was elsewhere, or as the editor says it."""
+        old, base = (places.get(child.key) if child.key else None for places in self._places)
+        if old is not None and base is not None and old.prefixes == parent.prefixes and self._has_left(old, child):
+            return self._merged(old, base, child)
+        name = self._qualified(parent, *child.name)
+        attributes = "".join(f" {self._attribute(parent, *one)}" for one in self._values(child))
+        if child.children:
+            inner = space + self._unit if space else ""
+            parts = "".join(inner + self._new_text(parent, one, inner) for one in child.children)
+            return f"<{name}{attributes}>{parts}{space}</{name}>"
+        return f"<{name}{attributes}>{_written(child.text)}</{name}>" if child.text else f"<{name}{attributes} />"
+
+    @staticmethod
+    def _values(tag: _Tag) -> Iterator[tuple[QName, str]]:
+        return ((name, one.value) for name, one in tag.attributes.items())
+
+    def _has_left(self, old: _Tag, new: _Tag) -> bool:
+        """Whether the parent of an old element does not have it any more."""
+        assert old.parent is not None
+        assert new.parent is not None
+        return old.parent.key != new.parent.key
+
+    def _own_space(self, old: _Tag) -> str:
+        """The white space before an element."""
+        before = self._source[: old.start]
+        return before[len(before.rstrip()) :]
+
+    def _indent(self, old: _Tag) -> str:
+        return self._own_space(old).rpartition("\n")[2]
+
+
+def _quoted(value: str) -> str:
+    """A value between quotation marks."""
+    for character, escaped in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ('"', "&quot;")):
+        value = value.replace(character, escaped)
+    return re.sub(r"[\t\r\n]", lambda found: f"&#{ord(found[0])};", value)
+
+
+def _written(text: str, instead_of: str = "") -> str:
+    """A text between tags: a CDATA section where there was one, or many lines of code."""
+    if "]]>" not in text and (instead_of.strip().startswith("<![CDATA[") or (not instead_of and "\n" in text)):
+        return f"<![CDATA[{text}]]>"
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
