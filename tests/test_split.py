@@ -10,7 +10,7 @@ import pytest
 from lxml import etree
 
 import fame
-from fame.bpmn import merging
+from fame.bpmn import fragments
 from fame.bpmn.conversion import convert
 from fame.bpmn.library import Library
 from fame.bpmn.pools import assign_pools, pools_of
@@ -51,8 +51,8 @@ def test_a_name_without_letters_is_no_hidden_file() -> None:
 
 
 def test_however_many_pools_there_are_the_whole_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    read, original = list[str](), merging.full_tree
-    monkeypatch.setattr(merging, "full_tree", lambda whole: read.append(whole.file) or original(whole))
+    read, original = list[str](), fragments.full_tree
+    monkeypatch.setattr(fragments, "full_tree", lambda whole: read.append(whole.file) or original(whole))
     assert len(split(collaboration(*(f'name="R{number}"' for number in range(9))))) == 9
     assert read == ["team.bpmn"]
 

@@ -1,20 +1,22 @@
 """Converts a file of any dialect to the current form, with the same behaviour.
 
 It works on the XML, so that unknown content is kept. The adapters read extension elements of other dialects, and
-`fame.bpmn.merging` writes them in the current form. Every topic gets a signal or message with its name. Embedded
-processes become processes of the file. Scripts keep their language. A file in the current form does not change.
+`fame.bpmn.extension_writing` writes them in the current form. Every topic gets a signal or message with its name.
+Embedded processes become processes of the file. Scripts keep their language. A file in the current form does not
+change.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
+from itertools import chain, count
 from typing import Literal
 
 from lxml import etree
 
-from fame.bpmn import merging
-from fame.bpmn.merging import full_tree
+from fame.bpmn.extension_writing import EXTENSION_ELEMENTS, add_property, write_extensions
+from fame.bpmn.fragments import full_tree
 from fame.bpmn.model import TASKS, Definitions, Process
 from fame.bpmn.namespaces import add_prefixes, contract_types, repair_prefixes
 from fame.bpmn.reader.context import Context
@@ -46,7 +48,7 @@ def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> 
     _rename_vendors(root)
     for element in list(root.iter(f"{_B}*")):
         _rewrite(context, root, element)
-    by_id = {one.get("id", ""): one for one in root.iter(f"{_B}*")}
+    by_id = {element.get("id", ""): element for element in root.iter(f"{_B}*")}
     for process in definitions.processes:
         _name_signals(root, process, by_id)
         _write_rules(root, process, by_id[process.id], semantics)
@@ -60,26 +62,27 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     for name in ("scriptFormat", "language"):
         if (element.get(name) or "").strip().lower() in ("js", "javascript()", "javascript"):
             element.set(name, "javascript")
-    holders = element.findall(merging.EXTENSION_ELEMENTS)
+    holders = element.findall(EXTENSION_ELEMENTS)
     if not holders:
         return
     holder = holders[0]
     for another in holders[1:]:  # the standard allows one
         holder.extend(another)
         element.remove(another)
-    foreign = [one for one in holder if _is_foreign(one)]
-    found = Extensions()
-    for one in foreign:
-        ELEMENT_ADAPTERS[one.tag[1:].partition("}")[0]](context, _without_comments(one), found)
-    in_order = any(one.in_order for one in (*found.inputs, *found.outputs))  # which no other form says
-    says_all = not found.own_scope or found.inputs or found.outputs or found.all_in or found.all_out
-    if not found.refused and not in_order and says_all:
-        for one in foreign:
-            holder.remove(one)
-        merging.write_extensions(element, found)
-    if found.key is not None:
-        _correlate(root, element, found)
-    if any(one.tag in _KINDS for one in element):
+    foreign = [extension for extension in holder if _is_foreign(extension)]
+    extensions = Extensions()
+    for extension in foreign:
+        ELEMENT_ADAPTERS[extension.tag[1:].partition("}")[0]](context, _without_comments(extension), extensions)
+    mappings = (*extensions.inputs, *extensions.outputs)
+    in_order = any(mapping.in_order for mapping in mappings)  # which no other form says
+    says_all = not extensions.own_scope or mappings or extensions.all_in or extensions.all_out
+    if not extensions.refused and not in_order and says_all:
+        for extension in foreign:
+            holder.remove(extension)
+        write_extensions(element, extensions)
+    if extensions.key is not None:
+        _correlate(root, element, extensions.key.text)
+    if any(child.tag in _KINDS for child in element):
         _rewrite_message_lists(element, holder)
     if not len(holder):
         element.remove(holder)
@@ -107,16 +110,14 @@ def _rewrite_message_lists(event: Node, holder: Node) -> None:
             values = list(first.iterchildren("*")) if first is not None and original_fame.is_message_list(first) else []
             if 0 < len(values) <= 2:
                 for name, value in zip(("type", "payload"), values, strict=False):
-                    merging.add_property(event, name, text_of(value).strip())
+                    add_property(event, name, text_of(value).strip())
                 mapping.remove(parameter)
         if not len(mapping):
             holder.remove(mapping)
 
 
-def _correlate(root: Node, message: Node, found: Extensions) -> None:
+def _correlate(root: Node, message: Node, key: str) -> None:
     """Write the key of a message as a correlation property (BPMN 2.0, chapter 8.3.2)."""
-    assert found.key is not None
-    key = found.key.text
     correlation = etree.Element(f"{_B}correlationProperty", {"id": f"{message.get('id')}_Key", "name": key})
     correlation.append(
         etree.Element(f"{_B}correlationPropertyRetrievalExpression", {"messageRef": message.get("id", "")})
@@ -143,7 +144,7 @@ def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> No
     """Make every event and task refer to a signal or message with the name of its topic."""
     for node in process.body.walk():
         topics = [topic for topic, _ in node.topics()]
-        drawn = [one for one in by_id[node.id] if one.tag in _KINDS]
+        drawn = [child for child in by_id[node.id] if child.tag in _KINDS]
         if node.tag in TASKS and by_id[node.id].get("messageRef"):
             drawn = [by_id[node.id]]
         for topic, element in zip(topics, drawn, strict=False):
@@ -156,15 +157,12 @@ def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> No
 
 def _named(root: Node, kind: str, name: str) -> str:
     """The id of the signal or message of that name, which is created if it is missing."""
-    for one in root.iterchildren(f"{_B}{kind}"):
-        if one.get("name", "").strip() == name and one.get("id"):
-            return one.get("id", "")
-    taken = {one.get("id") for one in root.iter("*")}
-    id = stem = f"{kind.capitalize()}_{''.join(letter if letter.isalnum() else '_' for letter in name)}"
-    number = 1
-    while id in taken:
-        number += 1
-        id = f"{stem}_{number}"
+    for known in root.iterchildren(f"{_B}{kind}"):
+        if known.get("name", "").strip() == name and known.get("id"):
+            return known.get("id", "")
+    taken = {element.get("id") for element in root.iter("*")}
+    stem = f"{kind.capitalize()}_{''.join(letter if letter.isalnum() else '_' for letter in name)}"
+    id = next(id for id in chain([stem], (f"{stem}_{number}" for number in count(2))) if id not in taken)
     _add_to_root(root, etree.Element(f"{_B}{kind}", {"id": id, "name": name}))
     return id
 
@@ -182,18 +180,18 @@ def _write_rules(root: Node, process: Process, element: Node, semantics: Semanti
     """Write the rules that the reader inferred from the dialect as properties of the process."""
     if semantics not in (None, process.semantics) and any(node.triggered_by_event for node in process.body.walk()):
         _drop_property(element, "semantics")
-        merging.add_property(element, "semantics", str(semantics))
+        add_property(element, "semantics", str(semantics))
     _drop_property(element, "topics")
     if process.by_prefix and not is_original_fame(root) and any(True for _ in element.iter(f"{_B}dataObjectReference")):
-        merging.add_property(element, "fields", "prefix")
+        add_property(element, "fields", "prefix")
 
 
 def _drop_property(element: Node, name: str) -> None:
-    holder = element.find(merging.EXTENSION_ELEMENTS)
+    holder = element.find(EXTENSION_ELEMENTS)
     for properties in holder.findall(f"{_C}properties") if holder is not None else ():
-        for one in properties.findall(f"{_C}property"):
-            if one.get("name") == name:
-                properties.remove(one)
+        for known in properties.findall(f"{_C}property"):
+            if known.get("name") == name:
+                properties.remove(known)
 
 
 # ---- the file --------------------------------------------------------------------------------------------------------
@@ -201,7 +199,8 @@ def _drop_property(element: Node, name: str) -> None:
 
 def _written(root: Node) -> bytes:
     for process in root.findall(f"{_B}process"):
-        if any(one.tag == _DIAGRAM for one in process.itersiblings(preceding=True)):  # it was inside a call activity
+        before = process.itersiblings(preceding=True)
+        if any(sibling.tag == _DIAGRAM for sibling in before):  # it was inside a call activity
             _add_to_root(root, process)
     if root.get(_PLATFORM) == "Camunda Cloud":
         root.set(_PLATFORM, "Camunda Platform")

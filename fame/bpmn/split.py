@@ -16,8 +16,9 @@ from pathlib import Path
 
 from lxml import etree
 
+from fame.bpmn.extension_writing import add_property, has_property
+from fame.bpmn.fragments import Fragment, copy_fragment
 from fame.bpmn.library import Find, Library, calls_of, closure, identity
-from fame.bpmn.merging import Fragment, add_property, copy_fragment, has_property
 from fame.bpmn.model import CallActivity, Definitions, Participant, Process
 from fame.bpmn.namespaces import add_prefixes, contract_types, repair_prefixes
 from fame.bpmn.part_reading import Original, assert_same_reading
