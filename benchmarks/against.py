@@ -2,7 +2,8 @@
 
 A model is tried in a hundredth, a twentieth, a tenth of its size and whole; an engine is out of it at the first size
 that it does not finish in its time, or whose result is wrong, and is compared at the last one that it does. What is
-counted are the elements that a run completes, which are the same for all.
+counted are the elements that a run completes, which are the same for all. A turn gives the best of its runs, and the
+table the median of the turns: of an engine, and of its ratio to FAME in the same round.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
+from operator import truediv
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from models import CASES, VARIABLES, Case, in_javascript, in_services
@@ -27,6 +30,9 @@ NPM = "bpmn-engine@25.0.1"
 CAMUNDA = "camunda-python==0.1.2"
 STACK = 900_000
 """kB of stack for an engine that recurses: with the usual one it ends after some hundred elements."""
+
+MOST_OTHERS = 5
+"""How many times the processor time of a turn it may take by the clock, where others use the machine."""
 
 
 class AbsentError(Exception):
@@ -102,15 +108,15 @@ ENGINES: Mapping[str, Callable[[], Engine]] = {
 
 @dataclass
 class Measured:
-    """What an engine did with a model of a size: the best of its turns, or why it does not count."""
+    """What an engine did with a model of a size: seconds of each turn, or why it does not count."""
 
     case: str
     size: int
     engine: str
     elements: int = 0
-    cpu: float = float("inf")
-    wall: float = 0.0
-    read: float = float("inf")
+    cpu: list[float] = field(default_factory=list)
+    wall: list[float] = field(default_factory=list)
+    read: list[float] = field(default_factory=list)
     peak_mb: float = 0.0
     failure: str = ""
 
@@ -119,8 +125,8 @@ class Measured:
         about: dict[str, Any] = {"case": self.case, "size": self.size, "engine": self.engine}
         if self.failure:
             return about | {"failure": self.failure}
-        about |= {"elements": self.elements, "per_second": round(self.elements / self.cpu)}
-        seconds = {name: round(getattr(self, name), 6) for name in ("cpu", "wall", "read")}
+        about |= {"elements": self.elements, "per_second": round(self.elements / median(self.cpu))}
+        seconds = {name: round(median(getattr(self, name)), 6) for name in ("cpu", "wall", "read")}
         return about | seconds | {"peak_mb": round(self.peak_mb)}
 
 
@@ -128,6 +134,12 @@ def unlimited_stack() -> None:
     """For the child: as much stack as the system grants."""
     _, hard = resource.getrlimit(resource.RLIMIT_STACK)
     resource.setrlimit(resource.RLIMIT_STACK, (hard, hard))
+
+
+def processor_time() -> float:
+    """Of all children that have ended (s). A limit of the system's would make their own clocks coarse."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def turn(engine: Engine, case: Case, size: int, folder: Path, limit: float, seconds: float) -> dict[str, Any] | str:
@@ -138,11 +150,19 @@ def turn(engine: Engine, case: Case, size: int, folder: Path, limit: float, seco
     order = {"process": "P", "variables": dict(VARIABLES), "seconds": seconds,
              "signals": size * case.signals, "instances": size * case.instances}  # fmt: skip
     command = engine.command(str(file), json.dumps(order))
+    before = processor_time()
     try:
         found = subprocess.run(
-            command, capture_output=True, text=True, timeout=limit, check=False, preexec_fn=unlimited_stack
+            command,
+            capture_output=True,
+            text=True,
+            timeout=MOST_OTHERS * limit,
+            check=False,
+            preexec_fn=unlimited_stack,
         )
     except subprocess.TimeoutExpired:
+        return f"not done after {MOST_OTHERS * limit:g} s of the clock"
+    if processor_time() - before > limit:
         return f"not done after {limit:g} s"
     if found.returncode:
         return reason(found)
@@ -199,28 +219,34 @@ class Comparison:
                     yield from self.one(case, partial(turn, folder=Path(folder), limit=limit, seconds=seconds), rounds)
 
     def one(self, case: Case, take: Callable[..., Any], rounds: int) -> Iterator[dict[str, Any]]:
-        """One case in all sizes, as long as another engine is in it."""
+        """One case: a round in each size, to see who finishes; further ones at the largest size of each, and whole."""
         own, *others = self.engines
+        running = others
         for size in (max(2, case.size // 100), case.size // 20, case.size // 10, case.size):
-            if not others:
-                return
-            elements = elements_of(case, size)
-            running = [own, *others]
-            for _ in range(rounds):
-                for engine in tuple(running):
-                    key = (case.name, size, engine.name)
-                    said = self.found.setdefault(key, Measured(case.name, size, engine.name, elements))
-                    answer = take(engine, case, size)
-                    if isinstance(answer, str):
-                        said.failure = answer
-                        running.remove(engine)
-                    else:
-                        best = min((said.cpu, said.wall), (answer["cpu"], answer["wall"]))
-                        said.cpu, said.wall = best
-                        said.read, said.peak_mb = min(said.read, answer["read"]), max(said.peak_mb, answer["peak_mb"])
-            others = [engine for engine in others if engine in running]
-            yield from (self.found[case.name, size, engine.name].line() for engine in self.engines
-                        if (case.name, size, engine.name) in self.found)  # fmt: skip
+            running = self.round(case, size, (own, *running), take)
+        largest = {engine: said.size for engine in others if (said := self.last(case, engine)) is not None}
+        for size in sorted({*largest.values(), case.size}):
+            for _ in range(rounds - 1):
+                self.round(case, size, (own, *(engine for engine in others if largest.get(engine) == size)), take)
+        yield from (said.line() for (name, _, _), said in self.found.items() if name == case.name)
+
+    def round(self, case: Case, size: int, engines: Sequence[Engine], take: Callable[..., Any]) -> list[Engine]:
+        """A turn of each engine, the first of which is FAME; the others that finished."""
+        elements = elements_of(case, size)
+        finished = []
+        for engine in engines:
+            said = self.found.setdefault(
+                (case.name, size, engine.name), Measured(case.name, size, engine.name, elements)
+            )
+            answer = take(engine, case, size)
+            if isinstance(answer, str):
+                said.failure = answer
+                continue
+            for name in ("cpu", "wall", "read"):
+                getattr(said, name).append(answer[name])
+            said.peak_mb = max(said.peak_mb, answer["peak_mb"])
+            finished.append(engine)
+        return [engine for engine in finished if engine is not self.engines[0]]
 
     def table(self, only: str) -> str:
         """Elements per CPU second of each at the last size that it finished, and how many times faster FAME is there.
@@ -238,19 +264,19 @@ class Comparison:
         table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
         return "\n".join([table, *(["", "Not finished:", "", *failed] if failed else [])])
 
-    def row(self, case: Case, name: str, seconds: Callable[[Measured], float]) -> list[str]:
+    def row(self, case: Case, name: str, seconds: Callable[[Measured], list[float]]) -> list[str]:
         """One row of it, of rates by those seconds."""
         own, *others = self.engines
         ours = self.last(case, own)
-        row = [name, f"{ours.elements / seconds(ours):,.0f}" if ours is not None else "-"]
+        row = [name, f"{ours.elements / median(seconds(ours)):,.0f}" if ours is not None else "-"]
         for engine in others:
             theirs = self.last(case, engine)
             if theirs is None:
                 row += ["-", "-", "-"]
             else:
                 beside = self.found[case.name, theirs.size, own.name]
-                times = seconds(theirs) / seconds(beside)
-                row += [f"{theirs.elements / seconds(theirs):,.0f}", f"{theirs.size:,}", f"{times:,.0f} x"]
+                times = median(map(truediv, seconds(theirs), seconds(beside)))
+                row += [f"{theirs.elements / median(seconds(theirs)):,.0f}", f"{theirs.size:,}", f"{times:,.0f} x"]
         return row
 
 

@@ -240,14 +240,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Flow nodes per second.")
     parser.add_argument("--only", default="", metavar="TEXT", help="models with this in their name")
     parser.add_argument("--face", choices=FACES, action="append", help="how FAME is run (default: all)")
-    parser.add_argument("--rounds", type=int, help=f"turns of each (default: {ROUNDS}; beside other engines 3)")
+    parser.add_argument("--rounds", type=int, help=f"turns of each (default: {ROUNDS}; beside other engines 5)")
     parser.add_argument("--against", choices=tuple(ENGINES), action="append", help="compare with another engine")
-    parser.add_argument("--limit", type=float, default=10.0, metavar="S", help="wall seconds for one turn of an engine")
+    parser.add_argument("--limit", type=float, default=10.0, metavar="S", help="CPU seconds for one turn of an engine")
     parser.add_argument("--quick", action="store_true", help="one turn, and little time for each: numbers are rough")
     arguments = parser.parse_args()
-    rounds = arguments.rounds or (1 if arguments.quick else 3 if arguments.against else ROUNDS)
+    rounds = arguments.rounds or (1 if arguments.quick else 5 if arguments.against else ROUNDS)
     if arguments.against:
-        limit, seconds = (3.0, 0.1) if arguments.quick else (arguments.limit, 0.5)
+        limit, seconds = (3.0, 0.1) if arguments.quick else (arguments.limit, 0.3)
         try:
             comparison = Comparison(contenders(arguments.against))
         except AbsentError as error:

@@ -9,11 +9,15 @@ const order = JSON.parse(said);
 const { Engine } = createRequire(`${folder}/`)("bpmn-engine");
 const source = readFileSync(file, "utf8");
 
+function cpu() {
+  const { user, system } = process.cpuUsage();
+  return (user + system) / 1e6;
+}
+
 async function cpuOf(work) {
-  const begun = process.cpuUsage(), wall = performance.now();
+  const begun = cpu(), wall = performance.now();
   const result = await work();
-  const { user, system } = process.cpuUsage(begun);
-  return { cpu: (user + system) / 1e6, wall: (performance.now() - wall) / 1e3, result };
+  return { cpu: cpu() - begun, wall: (performance.now() - wall) / 1e3, result };
 }
 
 async function prepared(variables) {
@@ -46,9 +50,9 @@ process.on("beforeExit", () => {
 
 async function bestOf(work) {
   await work();
-  const end = performance.now() + 1000 * order.seconds;
+  const end = cpu() + order.seconds;
   let best = await work();
-  while (performance.now() < end) {
+  while (cpu() < end) {
     const found = await work();
     if (found.cpu < best.cpu) best = found;
   }

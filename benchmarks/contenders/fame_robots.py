@@ -19,15 +19,15 @@ from fame.robot.journal import Journal, StateDirectory
 
 def read(file: str, order: dict[str, Any]) -> Callable[[], Prepared]:
     """The model, parsed; each simulation compiles it."""
-    definitions = fame.read(file)
+    definitions = fame.read(Path(file).read_bytes(), file=file)  # by its path it is read once
     fame.Simulation(definitions, order["process"])
 
     def prepare() -> Prepared:
         simulation = fame.Simulation(definitions, order["process"], order["variables"])
-
-        folder = tempfile.TemporaryDirectory()
-        journal = Journal(StateDirectory(folder.name), {}) if sys.argv[3:] == ["state"] else None
-        if journal is not None:
+        journal = None
+        if sys.argv[3:] == ["state"]:
+            folder = tempfile.TemporaryDirectory()
+            journal = Journal(StateDirectory(folder.name), {})
             DurableRecorder(simulation.node, journal).begin()
 
         def run() -> dict[str, Any]:
@@ -41,7 +41,7 @@ def read(file: str, order: dict[str, Any]) -> Callable[[], Prepared]:
                 raise SystemExit(f"the process is {last.status}: {last.error or last.waiting}")
             if journal is not None:
                 journal.close()  # all is on the disk
-            folder.cleanup()
+                folder.cleanup()
             return {name: last.variables.get(name) for name in order["variables"]}
 
         return run

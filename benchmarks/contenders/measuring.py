@@ -24,11 +24,11 @@ def timed(work: Callable[[], Any]) -> tuple[float, float, Any]:
 
 
 def best_of(prepare: Callable[[], Callable[[], Any]], seconds: float) -> tuple[float, float, Any]:
-    """The run that took the least CPU time, of those that fit into so many seconds, one at least, after a first one."""
+    """The run that took the least CPU time, of those in so many CPU seconds, one at least, after a first one."""
     prepare()()
-    end = time.perf_counter() + seconds
+    end = time.process_time() + seconds
     best = timed(prepare())
-    while time.perf_counter() < end:
+    while time.process_time() < end:
         best = min(best, timed(prepare()), key=lambda found: found[0])
     return best
 
