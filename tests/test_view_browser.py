@@ -333,6 +333,13 @@ def test_the_inspector_has_the_colours_of_the_robots_in_both_themes(page: Page) 
     assert shown[0] != shown[1]
 
 
+def test_a_plot_has_the_colour_of_the_robot_whose_variable_or_topic_it_shows(page: Page) -> None:
+    for robot, name in enumerate(("Drone", "Tractor_1", "Tractor_2")):
+        swatch = page.evaluate(f"fame.timeline.plots.colour({{r: {robot}}})")
+        assert page.evaluate(f"fame.timeline.plots.colour({{r: -1, topic: '/{name}/odom', path: ['x']}})") == swatch
+        assert page.evaluate("fame.timeline.plots.colour({r: -1, topic: '/weed_found', path: ['x']})") != swatch
+
+
 def test_the_inspector_says_who_publishes_and_why_the_last_message_did_not_count(page: Page) -> None:
     page.evaluate("fame.player.seek(40e9)")
     until(page, "document.querySelector('.waits').textContent.includes('/Drone/odom is published by /Drone/robot')")

@@ -197,7 +197,7 @@ export class Plots {
     if (low === high) [low, high] = [low - 1, high + 1];
     const y = (value) => top + HEIGHT - 9 - ((value - low) / (high - low)) * (HEIGHT - 18);
     if (plot.band) this.drawBand(context, plot, [first, last], y, top, hits);
-    context.strokeStyle = plot.band ? css("--ink") : plot.topic ? css("--accent") : robotColour(plot.r);
+    context.strokeStyle = this.colour(plot);
     context.lineWidth = 1.5;
     context.lineJoin = "round";
     this.drawSteps(context, times, values, [first, last], y);
@@ -206,6 +206,13 @@ export class Plots {
     for (const value of [high, low])
       context.fillText(String(Number(value.toPrecision(4))), timeline.width - 4, y(value));
     context.textAlign = "left";
+  }
+
+  /** That of the robot whose variable it is, or in whose namespace the topic is. */
+  colour({ r, topic, band }) {
+    const { robots } = this.app.mission;
+    const robot = topic && !band ? robots.findIndex(({ name }) => topic.startsWith(`/${name}/`)) : r;
+    return robot < 0 ? css("--ink") : robotColour(robot);
   }
 
   /** Draw values that hold until the next one; where there is none (NaN) there is a gap. */
