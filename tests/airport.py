@@ -14,9 +14,9 @@ POOLS = {
     "Tower": ["start", "work Clear the Taxiway 2", "throw park", "catch parked", "throw serve", "catch fuelled",
               "throw push_back", "end"],
     "Tug": ["on park", "go To the Stand 9 4", "throw parked", "catch push_back", "go Push Back 4 4", "end"],
-    "Stairs": ["on serve", "go To the Door 8 5.5", "work Raise 2", "throw stairs_ready", "end"],
-    "Fueler": ["on stairs_ready", "go To the Wing 8 2.5", "work Fuel 4", "throw fuelled", "end"],
-    "Baggage": ["on serve", "side", "go To the Hold 6 side", "work Unload 3", "end"],
+    "Stairs": ["on serve", "go To the Door 8 5.5", "work Raise 2", "throw stairs_ready", "go Home 1 6", "end"],
+    "Fueler": ["on stairs_ready", "go To the Wing 8 2.5", "work Fuel 4", "throw fuelled", "go Home 1 1", "end"],
+    "Baggage": ["on serve", "side", "go To the Hold 6 side", "work Unload 3", "go Home 2 side", "end"],
 }  # fmt: skip
 """The steps of each pool: what it waits for, does, and throws; `go` has a place (m), `work` a time (s). `side` is the
 place of each of several robots."""
@@ -37,21 +37,22 @@ world:
     Baggage_2: {{type: car, at: [2, 5]}}
 computers: [Tower]
 seed: 1
-duration: 120
 """
 
 
-def airport(folder: Path) -> Scenario:
-    """The mission, written to a folder."""
-    (folder / "airport.bpmn").write_text(model(), encoding="utf-8")
+def airport(folder: Path, *, every: int = 0, duration: float = 120) -> Scenario:
+    """The mission, written to a folder; with an aircraft `every` so many seconds, or one alone."""
+    (folder / "airport.bpmn").write_text(model(every), encoding="utf-8")
     (folder / "airport.yaml").write_text(WORLD.format(library=LIBRARY), encoding="utf-8")
-    return Scenario.load(folder / "airport.yaml")
+    return Scenario.load(folder / "airport.yaml", duration=duration)
 
 
-def model() -> str:
+def model(every: int) -> str:
     """The collaboration, drawn: a pool below the other."""
     pools, processes, shapes = [], [], []
     for number, (pool, steps) in enumerate(POOLS.items()):
+        if every and steps[0] == "start":
+            steps = [f"every {every}", *steps[1:]]
         several = '<participantMultiplicity minimum="2" maximum="2"/>' if pool == "Baggage" else ""
         pools.append(f'<participant id="{pool}" name="{pool}" processRef="P_{pool}">{several}</participant>')
         ids = [f"{pool}_{place}" for place in range(len(steps))]
@@ -85,6 +86,9 @@ def node(id: str, step: str) -> str:
     match kind:
         case "start":
             return f'<startEvent id="{id}" name="begin"/>'
+        case "every":
+            cycle = f"<timerEventDefinition><timeCycle>R/PT{what}S</timeCycle></timerEventDefinition>"
+            return f'<startEvent id="{id}" name="each {what} s">{cycle}</startEvent>'
         case "on":
             return f'<startEvent id="{id}" name="{what}">{signal}</startEvent>'
         case "throw":
