@@ -148,13 +148,13 @@ def parse_duration(text: str) -> Duration:
     return Duration(months, round(sum(parts.get(unit, 0) * factor for unit, factor in _NANOSECONDS.items())))
 
 
-def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:
+def parse_datetime(text: str) -> datetime:
     """Return the date and time that `text` says, such as ``2026-01-31T12:00:00Z`` or ``20260131T130000,5+0100``.
 
-    One without time zone is in `zone`, one without time of day at midnight; digits beyond microseconds are dropped.
+    One without time zone is in UTC, one without time of day at midnight; digits beyond microseconds are dropped.
     A zone may be named behind it, as in FEEL: ``2026-01-31T12:00:00@Europe/Berlin``.
     """
-    text, zone = _named_zone(text.strip(), zone)
+    text, zone = _named_zone(text.strip())
     example = "an ISO 8601 date and time such as 2026-01-31T12:00:00Z"
     if not _DATETIME.fullmatch(text):
         raise ValueError(f"{text!r} is not {example}")
@@ -166,10 +166,10 @@ def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:
         raise ValueError(f"{text!r} is not {example}: {error}") from None
 
 
-def parse_cycle(text: str, zone: tzinfo = UTC) -> Cycle:
+def parse_cycle(text: str) -> Cycle:
     """Return the cycle that `text` says: ``R/PT10S``, ``R3/PT10S``, with a start
     ``R3/2026-01-01T00:00:00Z/PT1H``, with an end ``R3/PT1H/2026-01-01T00:00:00Z``, or between a first and a
-    second date. Dates without time zone are in `zone`."""
+    second date."""
     text = text.strip()
     match = re.fullmatch(r"R([0-9]{0,15})/([^/]+)(?:/([^/]+))?", text)
     if match is None:
@@ -178,10 +178,10 @@ def parse_cycle(text: str, zone: tzinfo = UTC) -> Cycle:
     start, end = None, None
     if match[3] is None or match[2].lstrip("-").startswith("P"):
         duration = parse_duration(match[2])
-        end = parse_datetime(match[3], zone) if match[3] else None
+        end = parse_datetime(match[3]) if match[3] else None
     else:
-        start = parse_datetime(match[2], zone)
-        duration = _duration_or_until(start, match[3], zone)
+        start = parse_datetime(match[2])
+        duration = _duration_or_until(start, match[3])
     if repetitions == 0:
         raise ValueError(f"{text!r} never repeats: give R1 or more, or R for without end")
     if duration == Duration():
@@ -222,22 +222,22 @@ def zone_named(name: str) -> tzinfo:
         raise ValueError(f"the time zone {name!r} is not known here") from None
 
 
-def _named_zone(text: str, zone: tzinfo) -> tuple[str, tzinfo]:
+def _named_zone(text: str) -> tuple[str, tzinfo]:
     """A date without the zone that FEEL writes behind it (``@Europe/Berlin``, ``[Europe/Berlin]``), and the zone for
-    one without offset."""
+    one without offset, UTC if none is named."""
     found = _NAMED.fullmatch(text)
     if found is None:
-        return text, zone
+        return text, UTC
     try:
         return found[1], zone_named(found[2] or found[3])
     except ValueError:
         raise ValueError(f"{text!r} has a time zone that is not known here: an offset such as +01:00 is") from None
 
 
-def _duration_or_until(start: datetime, text: str, zone: tzinfo) -> Duration:
+def _duration_or_until(start: datetime, text: str) -> Duration:
     if text.lstrip("-").startswith("P"):
         return parse_duration(text)
-    end = parse_datetime(text, zone)
+    end = parse_datetime(text)
     if nanoseconds_between(start, end) <= 0:
         raise ValueError(f"{text!r} is not after {start.isoformat()}: an interval begins before it ends")
     return Duration(rest=nanoseconds_between(start, end))

@@ -131,12 +131,12 @@ class Engine(EngineState):
             tasks.script_ended(self, self.waits[key], error)
         self.run()
 
-    def complete_task(self, element: str, values: dict[str, Any] | None = None, instance: int | None = None) -> bool:
+    def complete_task(self, element: str, values: dict[str, Any] | None = None) -> bool:
         """Complete a user, manual or receive task. Returns whether its token goes on at once, not after a suspension.
 
         Raises MissionError if none waits there.
         """
-        for wait in self._tasks_at(element, instance):
+        for wait in self._tasks_at(element):
             for name, value in (values or {}).items():
                 wait.scope.variables[name] = value
             waiting.fire(self, wait)
@@ -149,9 +149,9 @@ class Engine(EngineState):
         waits = sorted({wait.node.id for wait in waiting_now if not wait.due})
         raise MissionError(f"is not waiting; currently waiting: {', '.join(waits) or 'nothing'}", element=element)
 
-    def _tasks_at(self, element: str, instance: int | None = None) -> Iterator[Wait]:
+    def _tasks_at(self, element: str) -> Iterator[Wait]:
         for candidate in self.instances.values():
-            for wait in candidate.waits() if instance in (None, candidate.key) else ():
+            for wait in candidate.waits():
                 if wait.node.id == element and wait.catch.trigger in (USER, waiting.MESSAGE) and not wait.due:
                     yield wait
 

@@ -193,7 +193,6 @@ def check_topic(what: str, topic: Any) -> None:
         raise TypeError(f"{what}: {topic!r} is not the name of a topic")
 
 
-Subscribe = Callable[..., Subscription]
 Wake = Callable[[AnyMessage], object]
 
 
@@ -238,12 +237,11 @@ class TopicListener:
 class Inbox:
     """All topics of one robot's scripts.
 
-    `subscribe` creates a subscription to a full topic name, as `Node.subscription`; `changed` is called after every
-    message.
+    `changed` is called after every message.
     """
 
-    def __init__(self, node: Node, types: TopicTypes, subscribe: Subscribe, changed: Callable[[], object]) -> None:
-        self._node, self._types, self._subscribe, self._changed = node, types, subscribe, changed
+    def __init__(self, node: Node, types: TopicTypes, changed: Callable[[], object]) -> None:
+        self._node, self._types, self._changed = node, types, changed
         self._listeners: dict[str, TopicListener] = {}
         self._transforms = TransformBuffer(node.namespace)
         self._clients: dict[tuple[str, str], Client] = {}
@@ -267,7 +265,7 @@ class Inbox:
         frames = _full(type) == TF and name in TOPICS
         keep = partial(self._transforms.put, static=name == "/tf_static") if frames else None
         listener = TopicListener(name, type, self._changed, keep)
-        listener.subscription = self._subscribe(name, type, listener.put, *([TOPICS[name]] if frames else []))
+        listener.subscription = self._node.subscription(name, type, listener.put, *([TOPICS[name]] if frames else []))
         self._listeners[name] = listener
         return listener
 

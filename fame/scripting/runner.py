@@ -37,7 +37,6 @@ from fame.scripting.requests import (
     Receive,
     ScriptRequest,
     Sleep,
-    Subscribe,
     TopicTypes,
     Until,
 )
@@ -125,7 +124,6 @@ class Runner:
     stepped    (key): a script has run a step and waits again, so its variables may have changed
     report     (key, text): an error of a cancelled script that is leaving
     types      type of a topic by its full name, None if unknown
-    subscribe  creates a subscription; by default that of `node`
 
     `outward`, if set, is asked before a request leaves the robot. `on_lost`, if set, decides on requests whose fate is
     unknown; else they are made again.
@@ -140,12 +138,9 @@ class Runner:
         stepped: Callable[[int], object] = lambda key: None,
         report: _Report = lambda key, text: None,
         types: TopicTypes = lambda topic: None,
-        subscribe: Subscribe | None = None,
-        grace: float = GRACE,
     ) -> None:
         self._scheduler, self._ended, self._stepped, self._report = scheduler, ended, stepped, report
-        self._grace = round(grace * SECOND)
-        self.inbox: Inbox = Inbox(node, types, subscribe or node.subscription, self.poll)
+        self.inbox: Inbox = Inbox(node, types, self.poll)
         self.cancelled: CancelledGoals = CancelledGoals(scheduler, partial(report, 0))
         self.outward: Outward | None = None
         self.on_lost: OnLost | None = None
@@ -180,7 +175,7 @@ class Runner:
         if not task.running and (task.request is None or self._advance(task, task.script.throw, self._cancelled(task))):
             self._forget(task)
             return True
-        task.grace = self._scheduler.after(self._grace, partial(self._close, task))
+        task.grace = self._scheduler.after(round(GRACE * SECOND), partial(self._close, task))
         return False
 
     def key_of(self, script: Any) -> int:
@@ -327,9 +322,7 @@ class Runner:
     def _close(self, task: _Task) -> None:
         """Close a script whose grace period is over."""
         self._wake(task)
-        self._report(
-            task.key, f"cancelled, but still running after {self._grace / SECOND:g} s: closed at {task.request}"
-        )
+        self._report(task.key, f"cancelled, but still running after {GRACE:g} s: closed at {task.request}")
         self._kill(task)
         self._end(task)
 

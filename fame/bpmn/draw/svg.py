@@ -60,12 +60,16 @@ def translated(x: float, y: float, *content: str, scale: float = 1.0) -> str:
 # ---- lines -----------------------------------------------------------------------------------------------------------
 
 
-def polyline(points: Sequence[Point], radius: float = 5) -> str:
+_RADIUS = 5.0
+"""Of the corners of a line."""
+
+
+def polyline(points: Sequence[Point]) -> str:
     """Path data of a line through `points` with round corners."""
     data = [f"M{number(points[0][0])} {number(points[0][1])}"]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
-        near = point_towards(corner, before, min(radius, math.dist(corner, before) / 2))
-        far = point_towards(corner, after, min(radius, math.dist(corner, after) / 2))
+        near = point_towards(corner, before, min(_RADIUS, math.dist(corner, before) / 2))
+        far = point_towards(corner, after, min(_RADIUS, math.dist(corner, after) / 2))
         data.append(f"L{number(near[0])} {number(near[1])}")
         data.append(f"Q{number(corner[0])} {number(corner[1])} {number(far[0])} {number(far[1])}")
     data.append(f"L{number(points[-1][0])} {number(points[-1][1])}")
