@@ -129,10 +129,10 @@ def run_deploy(arguments: Namespace) -> int:
     if arguments.explore and at_once:
         _refuse_unexplored(definitions, library, {}, partial=arguments.allow_partial)
 
-    def examine(found: Mapping[str, Pool]) -> None:
-        migrated.prepare(found)
+    def examine(robots: Mapping[str, Pool]) -> None:
+        migrated.prepare(robots)
         if arguments.explore and not at_once:
-            _refuse_unexplored(definitions, library, found, partial=arguments.allow_partial)
+            _refuse_unexplored(definitions, library, robots, partial=arguments.allow_partial)
 
     with connected(arguments) as (scheduler, middleware):
         options = replace(
@@ -225,13 +225,15 @@ def _deploy_previous(arguments: Namespace) -> int:
     return int(deployment.failed)
 
 
-def _refuse_unexplored(definitions: Definitions, library: Library, found: Mapping[str, Pool], *, partial: bool) -> None:
+def _refuse_unexplored(
+    definitions: Definitions, library: Library, robots: Mapping[str, Pool], *, partial: bool
+) -> None:
     """Raise DeploymentError for a mission that may deadlock, never complete or violate a property, or may after a
     `partial` search.
 
     The robots are those that were `found`; a pool without one has as many as `fame check --explore` takes.
     """
-    result = load(EXPLORE_FOUND)(definitions, library, found)
+    result = load(EXPLORE_FOUND)(definitions, library, robots)
     note(result.summary())
     faults = [one.text for one in result.findings if one.level == "error"]
     faults += [str(one) for one in result.properties if one.verdict == "refuted"]
@@ -249,8 +251,8 @@ def _refuse_unexplored(definitions: Definitions, library: Library, found: Mappin
 def _outcome(deployment: Deployment) -> list[str]:
     """A table of how each robot answered, as lines."""
     rows = [
-        (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
-        for each in deployment.robots.values()
+        (report.robot, report.state, f"{1000 * report.took:.0f} ms" if report.state != "silent" else "", report.reason)
+        for report in deployment.robots.values()
     ]
     return table(("robot", "state", "time", "reason"), rows).splitlines()
 
@@ -263,8 +265,8 @@ def _print_outcome(deployment: Deployment, migrated: migration.Migration) -> Non
 def _results(deployment: Deployment) -> dict[str, Any]:
     """How each robot answered, for --json."""
     return {
-        each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took}
-        for each in deployment.robots.values()
+        report.robot: {"state": report.state, "reason": report.reason, "seconds": report.took}
+        for report in deployment.robots.values()
     }
 
 
@@ -272,9 +274,9 @@ def _print_json(
     deployment: Deployment, migrated: migration.Migration, failures: Mapping[str, str], rolled_back: Deployment | None
 ) -> None:
     back = {} if rolled_back is None else {"rolled_back": _results(rolled_back)}
-    found = {"findings": migrated.findings()} if migrated.is_explored else {}
+    findings = {"findings": migrated.findings()} if migrated.is_explored else {}
     status = "failed" if failures or rolled_back is not None else migrated.status(deployment)
-    print_json({"status": status, "robots": _results(deployment), "failures": dict(failures), **found, **back})
+    print_json({"status": status, "robots": _results(deployment), "failures": dict(failures), **findings, **back})
 
 
 def add_splitter(commands: Commands) -> None:

@@ -193,13 +193,13 @@ def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[s
 
 def _robots(given: list[str]) -> dict[str, int]:
     """``POOL=N`` as a mapping. Raises FameError."""
-    found = {}
-    for one in given:
-        pool, _, number = one.partition("=")
+    numbers = {}
+    for text in given:
+        pool, _, number = text.partition("=")
         if not pool or not number.isdecimal():
-            raise FameError(f"--robots: expected POOL=N, got {one!r}")
-        found[pool] = int(number)
-    return found
+            raise FameError(f"--robots: expected POOL=N, got {text!r}")
+        numbers[pool] = int(number)
+    return numbers
 
 
 def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
@@ -268,14 +268,14 @@ def as_json(result: Exploration) -> dict[str, Any]:
         ],
         "properties": [
             {
-                "property": one.name,
-                "sentence": one.sentence,
-                "verdict": one.verdict,
-                "text": one.text,
-                "delivery": one.delivery,
-                "run": [step.text for step in one.run],
+                "property": judged.name,
+                "sentence": judged.sentence,
+                "verdict": judged.verdict,
+                "text": judged.text,
+                "delivery": judged.delivery,
+                "run": [step.text for step in judged.run],
             }
-            for one in result.properties
+            for judged in result.properties
         ],
         "findings": [finding_as_json(one) for one in result.findings],
     }

@@ -57,18 +57,18 @@ def judge(arguments: Namespace) -> int:
     if columns and not any(map(is_xes, runs)):
         raise ConfigError(f"--columns is for .xes files, got {', '.join(map(str, runs))}")
     properties, model, team = subject(arguments.properties)
-    found: dict[str, list[Judgement]] = {
+    judged: dict[str, list[Judgement]] = {
         str(path): judge_bag(path, properties, model, team)
         if is_bag(path)
         else judge_log(path, properties, model, team=team, columns=columns if is_xes(path) else {})
         for path in runs
     }
     if arguments.json:
-        print_json({"runs": {path: [one.to_json() for one in each] for path, each in found.items()}})
+        print_json({"runs": {path: [one.to_json() for one in each] for path, each in judged.items()}})
     else:
-        rows = [(path, *one.row) for path, each in found.items() for one in each]
-        print(table(("run", *HEADS), rows) if len(found) > 1 else table(HEADS, [row[1:] for row in rows]))
-    return exit_code(one for each in found.values() for one in each)
+        rows = [(path, *one.row) for path, each in judged.items() for one in each]
+        print(table(("run", *HEADS), rows) if len(judged) > 1 else table(HEADS, [row[1:] for row in rows]))
+    return exit_code(one for each in judged.values() for one in each)
 
 
 def _runs(paths: list[Path]) -> list[Path]:
@@ -76,14 +76,14 @@ def _runs(paths: list[Path]) -> list[Path]:
     from fame.log.bag_reader import is_bag
     from fame.log.event_logs import EVENT_LOGS
 
-    logs, found = (".mcap", *EVENT_LOGS), list[Path]()
+    logs, files = (".mcap", *EVENT_LOGS), list[Path]()
     for path in paths:
         whole = not path.is_dir() or is_bag(path)
         inside = [path] if whole else sorted(
-            one for one in path.rglob("*")
-            if is_bag(one) or (one.name.lower().endswith(logs) and not is_bag(one.parent))
+            inner for inner in path.rglob("*")
+            if is_bag(inner) or (inner.name.lower().endswith(logs) and not is_bag(inner.parent))
         )  # fmt: skip
         if not inside:
             raise ConfigError(f"has no log ({', '.join(logs)}) and no bag", file=str(path))
-        found += inside
-    return found
+        files += inside
+    return files

@@ -137,12 +137,12 @@ class Migration:
         failed = deployment.failed or blocked
         if self._json:
             robots = {
-                each.robot: {
-                    "state": each.state,
-                    "reason": each.reason,
-                    "tokens": list(foreseen[each.robot].to_json()["tokens"]) if each.robot in foreseen else [],
+                report.robot: {
+                    "state": report.state,
+                    "reason": report.reason,
+                    "tokens": list(foreseen[report.robot].to_json()["tokens"]) if report.robot in foreseen else [],
                 }
-                for each in deployment.robots.values()
+                for report in deployment.robots.values()
             }
             print_json({"status": "failed" if failed else "completed", "robots": robots})
         else:
@@ -161,17 +161,19 @@ class Migration:
 
 def _rows(deployment: Deployment) -> Sequence[tuple[str, ...]]:
     """A line for each token, and one for a robot without any."""
-    found = []
-    for each in deployment.robots.values():
-        one = deployment.foreseen.get(each.robot)
-        tokens = one.tokens if one is not None else ()
+    rows = []
+    for report in deployment.robots.values():
+        foreseen = deployment.foreseen.get(report.robot)
+        tokens = foreseen.tokens if foreseen is not None else ()
         for token in tokens:
             place = f'"{token.name}" ({token.element})' if token.name else token.element
             target = f" as {token.target}" if token.target not in ("", token.element) else ""
-            assert one is not None
-            found.append(
-                (each.robot, one.hash[:12], place, token.fate + target * (token.fate != "blocked"), token.reason)
+            assert foreseen is not None
+            rows.append(
+                (report.robot, foreseen.hash[:12], place, token.fate + target * (token.fate != "blocked"), token.reason)
             )
         if not tokens:
-            found.append((each.robot, one.hash[:12] if one is not None else "", "", each.state, each.reason))
-    return found
+            rows.append(
+                (report.robot, foreseen.hash[:12] if foreseen is not None else "", "", report.state, report.reason)
+            )
+    return rows

@@ -54,30 +54,30 @@ def add_variations(parser: ArgumentParser) -> None:
 
 def _robots(text: str) -> tuple[str, int]:
     """``Tractor=12``."""
-    found = re.fullmatch(r"(.*\S)\s*=\s*([0-9]+)", text)
-    if found is None:
+    match = re.fullmatch(r"(.*\S)\s*=\s*([0-9]+)", text)
+    if match is None:
         raise ArgumentTypeError(f"expected POOL=N, as in Tractor=12, got {text!r}")
-    return found[1], int(found[2])
+    return match[1], int(match[2])
 
 
 def _fault(text: str) -> tuple[str, float, str]:
     """``Tractor_2@40:engine``."""
-    found = re.fullmatch(r"(\S.*)@([0-9]+\.?[0-9]*):(\w+)", text)
-    if found is None:
+    match = re.fullmatch(r"(\S.*)@([0-9]+\.?[0-9]*):(\w+)", text)
+    if match is None:
         raise ArgumentTypeError(f"expected ROBOT@SECOND:KIND, as in Tractor_2@40:engine, got {text!r}")
-    return found[1], float(found[2]), found[3]
+    return match[1], float(match[2]), match[3]
 
 
 def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
     """``PORTER@12:Task_Sign:approved=true,count=3``."""
     from fame.cli.robots import value
 
-    found = re.fullmatch(r"(\S.*?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
-    if found is None:
+    match = re.fullmatch(r"(\S.*?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
+    if match is None:
         right = "ROBOT@SECOND:ELEMENT[:NAME=VALUE,...] as in REX@12:Task_Sign:approved=true"
         raise ArgumentTypeError(f"expected {right}, got {text!r}")
-    values = re.split(r",(?=\s*[^\W\d]\w*\s*=)", found[4]) if found[4] else []
-    return found[1], float(found[2]), found[3], dict(map(value, values))
+    values = re.split(r",(?=\s*[^\W\d]\w*\s*=)", match[4]) if match[4] else []
+    return match[1], float(match[2]), match[3], dict(map(value, values))
 
 
 def _setting(text: str) -> tuple[str, str, Any]:
@@ -105,10 +105,10 @@ def _seconds(text: str) -> float:
 
 def _partition(text: str) -> tuple[str, str, float, float]:
     """``REX,DINGO@30-60``."""
-    found = re.fullmatch(r"([^,@]*[^,@\s]),\s*([^,@]*[^,@\s])@([0-9]+\.?[0-9]*)-([0-9]+\.?[0-9]*)", text)
-    if found is None or found[1] == found[2] or float(found[3]) >= float(found[4]):
+    match = re.fullmatch(r"([^,@]*[^,@\s]),\s*([^,@]*[^,@\s])@([0-9]+\.?[0-9]*)-([0-9]+\.?[0-9]*)", text)
+    if match is None or match[1] == match[2] or float(match[3]) >= float(match[4]):
         raise ArgumentTypeError(f"expected ROBOT,ROBOT@FROM-TO, as in REX,DINGO@30-60, got {text!r}")
-    return found[1], found[2], float(found[3]), float(found[4])
+    return match[1], match[2], float(match[3]), float(match[4])
 
 
 def _network(arguments: Namespace) -> NetworkConfig | None:

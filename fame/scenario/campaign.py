@@ -261,11 +261,11 @@ class Campaign:
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of the scenario, of what it names, and of the models, by file."""
         scenario = Scenario.load(self.scenario, library=self.library)
-        found = {one.file: one.source for one in scenario.closures()}
+        contents = {one.file: one.source for one in scenario.closures()}
         for kind, path in named_files(Path(self.scenario)):
             if kind not in ("module", "models"):
-                found[str(path)] = path.read_bytes()
-        return {name: hashlib.sha256(content).hexdigest() for name, content in found.items()}
+                contents[str(path)] = path.read_bytes()
+        return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
 
     def check_property(self, name: str | None) -> None:
         """Raise ConfigError if the scenario has no property of this name; None: of any name."""
@@ -284,12 +284,12 @@ class Campaign:
 
 def _varied_variables(paths: Iterable[str]) -> dict[str, dict[str, Any]]:
     """The variables that are varied, by robot, as `Scenario.load` takes them; it refuses those that no model has."""
-    found: dict[str, dict[str, Any]] = {}
+    by_robot: dict[str, dict[str, Any]] = {}
     for path in paths:
         first, *robot, name = path.split(".")
         if first == "variables" and len(robot) < 2:
-            found.setdefault(robot[0] if robot else ALL, {})[name] = None
-    return found
+            by_robot.setdefault(robot[0] if robot else ALL, {})[name] = None
+    return by_robot
 
 
 def _local(pending: Sequence[Job], workers: int) -> Iterator[_Row]:
@@ -365,10 +365,10 @@ class Folder:
 
     def _about(self) -> dict[str, Any]:
         try:
-            found: dict[str, Any] = json.loads((self.path / ABOUT).read_text(encoding="utf-8"))
+            about: dict[str, Any] = json.loads((self.path / ABOUT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             raise ConfigError(f"has no campaign: expected a file {ABOUT}", file=str(self.path)) from None
-        return found
+        return about
 
     def check_files(self, campaign: Campaign) -> None:
         """Raise ConfigError if a file of the campaign has changed since it began: its runs would not be of one mission.
@@ -389,8 +389,8 @@ class Folder:
         about.pop(_FILES, None)
         variation = about.pop("variation")
         distributions = tuple(
-            Distribution(one["path"], one["kind"], tuple(one["numbers"]), tuple(one["choices"]))
-            for one in variation["distributions"]
+            Distribution(saved["path"], saved["kind"], tuple(saved["numbers"]), tuple(saved["choices"]))
+            for saved in variation["distributions"]
         )
         about |= {name: tuple(about.get(name, ())) for name in ("library", "types")}
         return Campaign(
@@ -402,14 +402,14 @@ class Folder:
         path = self.path / ROWS
         if not path.exists():
             return []
-        found: dict[int, _Row] = {}
+        by_run: dict[int, _Row] = {}
         for line in path.read_text(encoding="utf-8").splitlines():
             try:
                 row = json.loads(line)
             except ValueError:
                 continue
-            found[row["run"]] = row
-        return list(found.values())
+            by_run[row["run"]] = row
+        return list(by_run.values())
 
     def add(self, row: _Row) -> None:
         with (self.path / ROWS).open("a", encoding="utf-8") as file:

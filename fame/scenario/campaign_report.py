@@ -85,10 +85,10 @@ def _not_known(rows: Sequence[CampaignRow]) -> str:
     return text if crashed else ""
 
 
-def _unmeasured(found: Mapping[str, Any]) -> Iterator[str]:
+def _unmeasured(figures: Mapping[str, Any]) -> Iterator[str]:
     """A line for each measure that could not be computed in completed runs: its distribution leaves them out."""
-    for name, missing in found["unmeasured"].items():
-        yield f"measure {name}: no value in {missing} of {found['statuses']['completed']} completed runs"
+    for name, missing in figures["unmeasured"].items():
+        yield f"measure {name}: no value in {missing} of {figures['statuses']['completed']} completed runs"
 
 
 def _spread(values: Sequence[Any]) -> dict[str, float]:
@@ -109,10 +109,10 @@ def causes(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
     for row in rows:
         if row["status"] != "completed":
             groups[row["status"], row["cause"]].append(row)
-    found = []
+    table = []
     for (status, cause), members in sorted(groups.items(), key=lambda item: -len(item[1])):
         shortest = min(members, key=lambda row: (row.get("duration", 0.0), row["run"]))
-        found.append(
+        table.append(
             {
                 "status": status,
                 "cause": cause,
@@ -122,7 +122,7 @@ def causes(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
                 "command": shortest["command"],
             }
         )
-    return found
+    return table
 
 
 # ---- which parameter matters -----------------------------------------------------------------------------------------
@@ -137,15 +137,15 @@ def importance(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
     """
     runs = counted(rows)
     paths = list(dict.fromkeys(path for row in runs for path in row["changes"]))
-    found = []
+    strengths = []
     for path in paths:
         done = [row for row in runs if row["status"] == "completed"]
         success = _strength(
             [row["changes"].get(path) for row in runs], [float(row["status"] == "completed") for row in runs]
         )
         duration = _strength([row["changes"].get(path) for row in done], [float(row["duration"]) for row in done])
-        found.append({"path": path, "success": round(success, 4), "duration": round(duration, 4)})
-    return sorted(found, key=lambda one: (-one["success"], -one["duration"]))
+        strengths.append({"path": path, "success": round(success, 4), "duration": round(duration, 4)})
+    return sorted(strengths, key=lambda one: (-one["success"], -one["duration"]))
 
 
 def _strength(values: Sequence[Any], outcomes: Sequence[float]) -> float:
@@ -183,24 +183,25 @@ def _correlation_ratio(values: Sequence[str], outcomes: Sequence[float]) -> floa
 
 def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
     """Yield the result as lines of text."""
-    found = summary(rows)
-    statuses = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
-    yield f"{found['runs']} runs: {statuses}"
-    if found["probability"] is not None:
-        low, high = found["interval"]
-        yield f"probability of completion: {found['probability']:.3f} (95 % interval {low:.3f} to {high:.3f}, Wilson)"
-    if found["not_known"]:
-        yield f"not known: {found['not_known']}"
-    for name, spread in found["distributions"].items():
+    figures = summary(rows)
+    statuses = ", ".join(f"{count} {status}" for status, count in figures["statuses"].items())
+    yield f"{figures['runs']} runs: {statuses}"
+    if figures["probability"] is not None:
+        low, high = figures["interval"]
+        yield f"probability of completion: {figures['probability']:.3f} (95 % interval {low:.3f} to {high:.3f}, Wilson)"
+    if figures["not_known"]:
+        yield f"not known: {figures['not_known']}"
+    for name, spread in figures["distributions"].items():
         values = "  ".join(f"{key} {value:g}" for key, value in spread.items())
         yield f"{name} of completed runs: {values}"
-    yield from _unmeasured(found)
-    yield from lines_of_properties(found["properties"])
-    for cause in found["causes"]:
+    yield from _unmeasured(figures)
+    yield from lines_of_properties(figures["properties"])
+    for cause in figures["causes"]:
         yield f"{cause['count']} x {cause['status']}: {cause['cause']}"
         yield f"    {cause['command']}"
-    for one in found["parameters"]:
-        yield f"{one['path']}: strength {one['success']:.2f} on success, {one['duration']:.2f} on duration"
+    for parameter in figures["parameters"]:
+        strengths = f"{parameter['success']:.2f} on success, {parameter['duration']:.2f} on duration"
+        yield f"{parameter['path']}: strength {strengths}"
 
 
 def write_reports(
@@ -234,11 +235,11 @@ def write_reports(
             writer = csv.DictWriter(file, columns)
             writer.writeheader()
             writer.writerows(flat)
-    found = summary(rows)
+    figures = summary(rows)
     files = {
-        "summary.json": json.dumps(found, indent=2) + "\n",
+        "summary.json": json.dumps(figures, indent=2) + "\n",
         "index.html": html_report(rows, scenario, pages),
-        **{f"{name}.svg": plot for name, plot in _plots(found, rows).items()},
+        **{f"{name}.svg": plot for name, plot in _plots(figures, rows).items()},
     }
     for name, text in files.items():
         write_file(folder / name, text)
@@ -261,39 +262,39 @@ def _flat(row: CampaignRow) -> dict[str, Any]:
 def html_report(rows: Sequence[CampaignRow], scenario: str, pages: Mapping[int, str] | None = None) -> str:
     """Return one page: the result, the distribution of durations, failures with the commands that
     repeat them and links to those of `pages` (by number of the run), parameters."""
-    found = summary(rows)
-    plots = _plots(found, rows)
-    low, high = found["interval"]
-    share = f"{found['probability']:.1%}" if found["probability"] is not None else "no runs"
+    figures = summary(rows)
+    plots = _plots(figures, rows)
+    low, high = figures["interval"]
+    share = f"{figures['probability']:.1%}" if figures["probability"] is not None else "no runs"
     body = [
         f"<h1>{escape(Path(scenario).name)}: {share} completed</h1>",
-        f"<p>{found['runs']} runs; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson).</p>",
-        f"<p>Not known: {found['not_known']}.</p>" if found["not_known"] else "",
+        f"<p>{figures['runs']} runs; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson).</p>",
+        f"<p>Not known: {figures['not_known']}.</p>" if figures["not_known"] else "",
         plots["success"],
-        _table(("status", "runs"), found["statuses"].items()),
+        _table(("status", "runs"), figures["statuses"].items()),
     ]
     if "duration" in plots:
         body += ["<h2>Duration of completed runs (simulated s)</h2>", plots["duration"]]
-    if found["distributions"]:
+    if figures["distributions"]:
         heads = ("", "mean", *_QUANTILES)
-        body.append(_table(heads, ((name, *spread.values()) for name, spread in found["distributions"].items())))
-    body += [f"<p>{escape(line)}</p>" for line in _unmeasured(found)]
-    for name, one in found["properties"].items():
-        share = "not judged" if one["violation"] is None else f"P(violation) {one['violation']:.1%}"
-        low, high = one["interval"]
+        body.append(_table(heads, ((name, *spread.values()) for name, spread in figures["distributions"].items())))
+    body += [f"<p>{escape(line)}</p>" for line in _unmeasured(figures)]
+    for name, judged in figures["properties"].items():
+        share = "not judged" if judged["violation"] is None else f"P(violation) {judged['violation']:.1%}"
+        low, high = judged["interval"]
         body.append(f"<h2>{escape(name)}: {share}</h2><p>95&nbsp;% interval {low:.1%} to {high:.1%}</p>")
-        body.append(_table(("verdict", "runs"), one["verdicts"].items()))
-        if one["slack"]:
+        body.append(_table(("verdict", "runs"), judged["verdicts"].items()))
+        if judged["slack"]:
             body += ["<p>Slack of runs in which it holds</p>", _histogram(slacks(rows, name))]
-            body.append(_table(("run", "slack", "command"), (tuple(each.values()) for each in one["nearest"])))
-    if found["causes"]:
+            body.append(_table(("run", "slack", "command"), (tuple(each.values()) for each in judged["nearest"])))
+    if figures["causes"]:
         body.append("<h2>Failures by cause</h2>")
         lines = (
             (c["count"], c["status"], c["cause"], _linked(c["seed"], (pages or {}).get(c["run"])), c["command"])
-            for c in found["causes"]
+            for c in figures["causes"]
         )
         body.append(_table(("runs", "status", "cause", "seed of the shortest", "command"), lines))
-    if found["parameters"]:
+    if figures["parameters"]:
         body += ["<h2>Influence of parameters</h2>", plots["parameters"]]
     head = f'<meta charset="utf-8"><title>{escape(Path(scenario).name)}</title><style>{_STYLE}</style>'
     return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(body)}</body></html>\n"
@@ -320,22 +321,22 @@ def _table(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
     return f"<table><tr>{cells}</tr>{rows}</table>"
 
 
-def _plots(found: Mapping[str, Any], rows: Sequence[CampaignRow]) -> dict[str, str]:
+def _plots(figures: Mapping[str, Any], rows: Sequence[CampaignRow]) -> dict[str, str]:
     """The plots of a campaign by name, as SVG; those for which there are values."""
     require("matplotlib")
     from matplotlib.figure import Figure
 
-    low, high = found["interval"]
+    low, high = figures["interval"]
     figure = Figure(figsize=(6, 0.8), layout="constrained")
     axes = figure.add_subplot(xlim=(0, 100), yticks=[], xlabel="completed (%)")
     axes.axvspan(100 * low, 100 * high, color=_GREEN, alpha=0.35)
-    axes.plot(100 * (found["probability"] or 0.0), 0, "o", color=_GREEN)
+    axes.plot(100 * (figures["probability"] or 0.0), 0, "o", color=_GREEN)
     plots = {"success": _svg(figure)}
     done = [float(row["duration"]) for row in rows if row["status"] == "completed"]
     if done:
         plots["duration"] = _histogram(done)
-    if found["parameters"]:
-        lines = found["parameters"][::-1]
+    if figures["parameters"]:
+        lines = figures["parameters"][::-1]
         figure = Figure(figsize=(7, 0.8 + 0.3 * len(lines)), layout="constrained")
         axes = figure.add_subplot(xlim=(0, 1), xlabel="strength")
         for offset, name, colour in ((0.2, "success", _GREEN), (-0.2, "duration", _BLUE)):

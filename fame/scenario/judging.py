@@ -53,8 +53,8 @@ def _variables(definitions: Definitions, plan: Plan) -> dict[str, frozenset[str]
     known = {
         id: variable_names(definitions, id, plan.library.declared) for id in {p.process.id for p in plan.cast.values()}
     }
-    found = {robot: known[pool.process.id] for robot, pool in plan.cast.items()}
-    return {robot: names for robot, names in found.items() if names is not None}
+    names_of = {robot: known[pool.process.id] for robot, pool in plan.cast.items()}
+    return {robot: names for robot, names in names_of.items() if names is not None}
 
 
 def topics_read(plan: Plan) -> Callable[[TopicInfo], bool]:
@@ -194,10 +194,10 @@ class RunJudge(Observer):
         batteries = {name.split("/")[1] for name, info in there.items() if info.types[:1] == (BATTERY,)}
         for monitor in self.judge.monitors:
             missing = [
-                f"{each.subject} has no {'position' if each.kind == 'pose' else 'battery'} here"
-                for each in sorted(monitor.sources)
-                if (each.kind == "pose" and not each.name and each.subject not in self._bodies)
-                or (each.kind == "battery" and each.subject not in batteries)
+                f"{source.subject} has no {'position' if source.kind == 'pose' else 'battery'} here"
+                for source in sorted(monitor.sources)
+                if (source.kind == "pose" and not source.name and source.subject not in self._bodies)
+                or (source.kind == "battery" and source.subject not in batteries)
             ]
             if missing or not monitor.parts:
                 yield monitor, missing[0] if missing else ABSENT

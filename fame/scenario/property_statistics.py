@@ -19,8 +19,11 @@ def columns(judgements: Iterable[Judgement]) -> dict[str, Any]:
     """Return the columns of a run."""
     return {
         key: value
-        for one in judgements
-        for key, value in ((f"{VERDICT}{one.name}", one.verdict), (f"{SLACK}{one.name}", one.slack))
+        for judgement in judgements
+        for key, value in (
+            (f"{VERDICT}{judgement.name}", judgement.verdict),
+            (f"{SLACK}{judgement.name}", judgement.slack),
+        )
     }
 
 
@@ -45,7 +48,7 @@ def statistics(
     The probability is of a violation in a run that could be judged: those in which it was not triggered, pending or not
     known are counted apart. The nearest misses are the runs with the least slack in which it holds.
     """
-    found = {}
+    figures = {}
     for name in names(rows):
         violated, judged = counts(rows, name)
         low, high = interval(violated, judged)
@@ -53,7 +56,7 @@ def statistics(
         close = [row for row in rows if row.get(VERDICT + name) == "holds" and row[SLACK + name] is not None]
         close.sort(key=lambda row: (row[SLACK + name], row["run"]))
         broken = [row for row in rows if row.get(VERDICT + name) == "violated"]
-        found[name] = {
+        figures[name] = {
             "verdicts": dict(words),
             "violation": round(violated / judged, 6) if judged else None,
             "interval": [round(low, 6), round(high, 6)],
@@ -61,7 +64,7 @@ def statistics(
             "violated": [_shown(row, name) for row in broken[:1]],
             "nearest": [_shown(row, name) for row in close[:NEAREST]],
         }
-    return found
+    return figures
 
 
 def slacks(rows: Iterable[CampaignRow], name: str) -> list[float]:
@@ -74,14 +77,16 @@ def _shown(row: CampaignRow, name: str) -> dict[str, Any]:
     return {"run": row["run"], "slack": row[SLACK + name], "command": row["command"]}
 
 
-def lines(found: Mapping[str, Any]) -> Iterator[str]:
+def lines(figures: Mapping[str, Any]) -> Iterator[str]:
     """Yield the result about each property as text."""
-    for name, one in found.items():
-        words = ", ".join(f"{count} {word}" for word, count in one["verdicts"].items())
-        low, high = one["interval"]
-        share = "" if one["violation"] is None else f"; P(violation) {one['violation']:.3f} ({low:.3f} to {high:.3f})"
+    for name, judged in figures.items():
+        words = ", ".join(f"{count} {word}" for word, count in judged["verdicts"].items())
+        low, high = judged["interval"]
+        share = (
+            "" if judged["violation"] is None else f"; P(violation) {judged['violation']:.3f} ({low:.3f} to {high:.3f})"
+        )
         yield f"property {name}: {words}{share}"
-        if one["slack"]:
-            yield f"    slack: {'  '.join(f'{key} {value:g}' for key, value in one['slack'].items())}"
-        yield from (f"    violated: {each['command']}" for each in one["violated"])
-        yield from (f"    slack {each['slack']:.3g}: {each['command']}" for each in one["nearest"])
+        if judged["slack"]:
+            yield f"    slack: {'  '.join(f'{key} {value:g}' for key, value in judged['slack'].items())}"
+        yield from (f"    violated: {each['command']}" for each in judged["violated"])
+        yield from (f"    slack {each['slack']:.3g}: {each['command']}" for each in judged["nearest"])

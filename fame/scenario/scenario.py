@@ -152,10 +152,10 @@ def _properties(
     from fame.properties.diagram import drawn_properties
     from fame.properties.files import beside
 
-    found: dict[str, Property] = {}
-    for each in (*content.properties, *beside(content.model), *drawn_properties(definitions, library, cast)):
-        found.setdefault(each.name, replace(each, poses=content.poses or each.poses))
-    return tuple(found.values())
+    properties: dict[str, Property] = {}
+    for property in (*content.properties, *beside(content.model), *drawn_properties(definitions, library, cast)):
+        properties.setdefault(property.name, replace(property, poses=content.poses or property.poses))
+    return tuple(properties.values())
 
 
 def _joined(content: ScenarioFile, added: NetworkConfig | None, robots: Sequence[str]) -> NetworkConfig | None:
@@ -267,11 +267,11 @@ def _check_faults(faults: Sequence[Fault], cast: Mapping[str, Pool], file: str) 
 def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -> None:
     """Raise ConfigError for more robots of a multi-instance pool than its model allows."""
     for pool in pools:
-        found = sum(played.name == pool.name for played in cast.values())
-        if pool.multi_instance and pool.maximum is not None and found > pool.maximum:
+        playing = sum(played.name == pool.name for played in cast.values())
+        if pool.multi_instance and pool.maximum is not None and playing > pool.maximum:
             text = (
                 f"expected at most {pool.maximum} robots for pool {pool.name!r} (its participantMultiplicity), "
-                f"got {found}"
+                f"got {playing}"
             )
             raise ConfigError(text, file=file)
 
@@ -311,7 +311,7 @@ def _signals(
     from fame.middleware import messages
 
     known = _topics(definitions, library, cast)
-    found = []
+    signals = []
     for signal, place in content.signals:
         if signal.topic not in known:
             text = f"no robot uses the topic {signal.topic}; {suggestion(signal.topic, sorted(known))}"
@@ -323,8 +323,8 @@ def _signals(
             raise content.source.error(
                 f"{place}.payload" if signal.payload is not None else place, str(error)
             ) from None
-        found.append(replace(signal, type=type, qos=qos))
-    return tuple(found)
+        signals.append(replace(signal, type=type, qos=qos))
+    return tuple(signals)
 
 
 def _topics(
@@ -332,14 +332,14 @@ def _topics(
 ) -> dict[str, tuple[str, Mapping[str, str]]]:
     """The topics of events and scripts of all robots: full name -> type and policies of QoS."""
     shared = shared_topics(definitions, pools_of(definitions), library.declared)
-    found: dict[str, tuple[str, Mapping[str, str]]] = {}
+    topics: dict[str, tuple[str, Mapping[str, str]]] = {}
     for robot, pool in cast.items():
         mission = make_mission(definitions, pool.process, library=library, shared=shared)
         for _, topic in mission.script_topics:
             if topic.type is not None and topic.direction in ("publish", "subscribe"):
-                found[resolve(topic.name, robot)] = topic.type, {}
-        found |= {resolve(name, robot): (use.type, use.qos) for name, use in mission.types.items()}
-    return found
+                topics[resolve(topic.name, robot)] = topic.type, {}
+        topics |= {resolve(name, robot): (use.type, use.qos) for name, use in mission.types.items()}
+    return topics
 
 
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
@@ -370,8 +370,14 @@ def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool 
     except FameError as error:
         return [Finding("error", str(error), str(path))]
     return [
-        Finding("warning", f"can never be judged: {why}", one.spec.place.file, one.spec.place.line, one.spec.name)
-        for one, why in never
+        Finding(
+            "warning",
+            f"can never be judged: {why}",
+            monitor.spec.place.file,
+            monitor.spec.place.line,
+            monitor.spec.name,
+        )
+        for monitor, why in never
     ] + unmatched
 
 

@@ -84,9 +84,11 @@ def read_variation(path: Path) -> Variation:
     vary = tuple(_distribution(name, item) for name, item in keys["vary"].mapping().items()) if "vary" in keys else ()
     design = keys["design"].choice(("random", "latin", "factorial"), "a design") if "design" in keys else "random"
     if design == "factorial":
-        for one in vary:
-            if one.kind != "choice":
-                raise keys["vary"].error(f"a factorial design has choices only, got {one.kind} for {one.path}")
+        for distribution in vary:
+            if distribution.kind != "choice":
+                raise keys["vary"].error(
+                    f"a factorial design has choices only, got {distribution.kind} for {distribution.path}"
+                )
     measures = {name: item.text() for name, item in keys["measure"].mapping().items()} if "measure" in keys else {}
     return Variation(vary, design, measures)  # type: ignore[arg-type]
 
@@ -127,8 +129,8 @@ def points(variation: Variation, runs: int, seed: int, world: WorldConfig | None
         return
     for row in _quantiles(variation, runs, seed):
         yield {
-            one.path: one.value(quantile, places.get(one.path, ()))
-            for one, quantile in zip(variation.distributions, row, strict=True)
+            distribution.path: distribution.value(quantile, places.get(distribution.path, ()))
+            for distribution, quantile in zip(variation.distributions, row, strict=True)
         }
 
 
@@ -174,12 +176,12 @@ def changed(data: Any, changes: Mapping[str, Any], file: str) -> Any:
         *way, last = path.split(".")
         place = data
         for number, key in enumerate(way):
-            found = _entry(place, key)
-            if found is None and isinstance(place, dict) and way[0] in ("variables", "network"):
-                found = place[key] = {}  # these may be missing from the file
-            if not isinstance(found, dict | list):
+            entry = _entry(place, key)
+            if entry is None and isinstance(place, dict) and way[0] in ("variables", "network"):
+                entry = place[key] = {}  # these may be missing from the file
+            if not isinstance(entry, dict | list):
                 raise ConfigError(f"the scenario has no {'.'.join(way[: number + 1])}", file=file, element=path)
-            place = found
+            place = entry
         if isinstance(place, list):
             raise ConfigError(
                 f"the scenario has a list at {'.'.join(way)}: name one of its items", file=file, element=path

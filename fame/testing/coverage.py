@@ -160,15 +160,15 @@ def read_reasons(folders: Iterable[Path]) -> dict[str, dict[str, str]]:
     """Return the reasons of the files ``uncovered.yaml`` in some folders. Raises ConfigError."""
     from fame.config.loader import read_document
 
-    found: dict[str, dict[str, str]] = {}
+    by_file: dict[str, dict[str, str]] = {}
     for path in dict.fromkeys(folder / REASONS for folder in folders):
         if path.is_file():
             for file, value in read_document(path).mapping().items():
                 reasons = {id: reason.text() for id, reason in value.mapping().items()}
                 if not all(reasons.values()):
                     raise ConfigError("expected a reason for each element", file=str(path), line=value.line)
-                found.setdefault(file, {}).update(reasons)
-    return found
+                by_file.setdefault(file, {}).update(reasons)
+    return by_file
 
 
 def _resolved(file: str) -> str:
@@ -181,21 +181,23 @@ def _resolved(file: str) -> str:
 def text_report(coverage: Coverage) -> Iterator[str]:
     """Yield a table of processes, then what is missing and what is excused."""
     rows = [("process", "elements", "flows", "covered")]
-    for one in coverage.processes():
-        (elements, all_elements), (flows, all_flows) = one.counts(flows=False), one.counts(flows=True)
+    for process in coverage.processes():
+        (elements, all_elements), (flows, all_flows) = process.counts(flows=False), process.counts(flows=True)
         total = all_elements + all_flows
         share = f"{100 * (elements + flows) / total:.0f} %" if total else "-"
-        rows.append((f"{_short(one.file)}: {one.name}", f"{elements}/{all_elements}", f"{flows}/{all_flows}", share))
+        rows.append(
+            (f"{_short(process.file)}: {process.name}", f"{elements}/{all_elements}", f"{flows}/{all_flows}", share)
+        )
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     for row in rows:
         yield row[0].ljust(widths[0]) + "".join(
             cell.rjust(width + 2) for cell, width in zip(row[1:], widths[1:], strict=True)
         )
-    for one in coverage.processes():
-        for element in one.missing():
-            yield f"not covered: {_short(one.file)}:{element.line}: {one.name}: {_shown(element)}"
-        for id, reason in one.excused.items():
-            yield f"excused: {_short(one.file)}: {one.name}: {id}: {reason}"
+    for process in coverage.processes():
+        for element in process.missing():
+            yield f"not covered: {_short(process.file)}:{element.line}: {process.name}: {_shown(element)}"
+        for id, reason in process.excused.items():
+            yield f"excused: {_short(process.file)}: {process.name}: {id}: {reason}"
     for test, outcome in coverage.doubtful().items():
         yield f"covers, but has not passed: {test} ({outcome})"
     yield from coverage.stale()
@@ -211,18 +213,18 @@ def json_report(coverage: Coverage) -> dict[str, Any]:
         "not_passed": coverage.doubtful(),
         "processes": [
             {
-                "file": one.file,
-                "sha256": coverage.digest(one.file),
-                "name": one.name,
-                "elements": dict(zip(("covered", "total"), one.counts(flows=False), strict=True)),
-                "flows": dict(zip(("covered", "total"), one.counts(flows=True), strict=True)),
-                "tests": {id: list(tests) for id, tests in one.tests.items()},
+                "file": process.file,
+                "sha256": coverage.digest(process.file),
+                "name": process.name,
+                "elements": dict(zip(("covered", "total"), process.counts(flows=False), strict=True)),
+                "flows": dict(zip(("covered", "total"), process.counts(flows=True), strict=True)),
+                "tests": {id: list(tests) for id, tests in process.tests.items()},
                 "missing": [
-                    {"id": element.id, "name": element.name, "line": element.line} for element in one.missing()
+                    {"id": element.id, "name": element.name, "line": element.line} for element in process.missing()
                 ],
-                "excused": dict(one.excused),
+                "excused": dict(process.excused),
             }
-            for one in coverage.processes()
+            for process in coverage.processes()
         ],
     }
 
@@ -232,22 +234,22 @@ def junit_report(coverage: Coverage) -> str:
     from xml.etree import ElementTree
 
     root = ElementTree.Element("testsuites", name="model coverage")
-    for one in coverage.processes():
-        missing = {element.id for element in one.missing()}
-        name = f"{_short(one.file)}: {one.name}"
+    for process in coverage.processes():
+        missing = {element.id for element in process.missing()}
+        name = f"{_short(process.file)}: {process.name}"
         attributes = {
             "name": name,
-            "tests": str(len(one.elements)),
+            "tests": str(len(process.elements)),
             "failures": str(len(missing)),
-            "skipped": str(len(one.excused)),
+            "skipped": str(len(process.excused)),
         }
         suite = ElementTree.SubElement(root, "testsuite", attributes)
-        for element in one.elements:
+        for element in process.elements:
             case = ElementTree.SubElement(suite, "testcase", classname=name, name=_shown(element))
             if element.id in missing:
                 ElementTree.SubElement(case, "failure", message="no test has entered it")
-            elif element.id in one.excused:
-                ElementTree.SubElement(case, "skipped", message=one.excused[element.id])
+            elif element.id in process.excused:
+                ElementTree.SubElement(case, "skipped", message=process.excused[element.id])
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
@@ -260,17 +262,17 @@ def html_report(coverage: Coverage) -> str:
         f"<pre>{escape(chr(10).join(text_report(coverage)))}</pre>",
     ]
     by_file: defaultdict[str, list[ProcessCoverage]] = defaultdict(list)
-    for one in coverage.processes():
-        by_file[one.file].append(one)
+    for process in coverage.processes():
+        by_file[process.file].append(process)
     for file, processes in by_file.items():
         body.append(f"<h2>{escape(_short(file))}</h2>")
         body.append(f'<div class="diagram">{_drawing(coverage._files[file], processes)}</div>')
-        for one in processes:
-            body.append(f"<h3>{escape(one.name)}</h3><table><tr><th>element</th><th>tests</th></tr>")
-            for element in one.elements:
-                tests = "<br>".join(map(escape, one.tests.get(element.id, ())))
-                what = tests or f"<em>{escape(one.excused.get(element.id, 'not covered'))}</em>"
-                kind = "covered" if tests else "excused" if element.id in one.excused else "missing"
+        for process in processes:
+            body.append(f"<h3>{escape(process.name)}</h3><table><tr><th>element</th><th>tests</th></tr>")
+            for element in process.elements:
+                tests = "<br>".join(map(escape, process.tests.get(element.id, ())))
+                what = tests or f"<em>{escape(process.excused.get(element.id, 'not covered'))}</em>"
+                kind = "covered" if tests else "excused" if element.id in process.excused else "missing"
                 body.append(f'<tr class="{kind}"><td>{escape(_shown(element))}</td><td>{what}</td></tr>')
             body.append("</table>")
     head = f'<meta charset="utf-8"><title>Model coverage</title><style>{PAGE_STYLE}</style>'
@@ -288,11 +290,11 @@ def _drawing(definitions: Definitions, processes: Sequence[ProcessCoverage]) -> 
     if not definitions.shapes:
         return "<p>The file has no diagram.</p>"
     marks: dict[str, dict[Any, int]] = {}
-    for one in processes:
-        for element in one.elements:
-            tests = len(one.tests.get(element.id, ()))
+    for process in processes:
+        for element in process.elements:
+            tests = len(process.tests.get(element.id, ()))
             marks[element.id] = (
-                {"completed": tests} if tests else {"cancelled": 1} if element.id in one.excused else {"failed": 1}
+                {"completed": tests} if tests else {"cancelled": 1} if element.id in process.excused else {"failed": 1}
             )
     return draw(definitions, marks, words={"completed": "tests", "failed": "not covered", "cancelled": "excused"})
 

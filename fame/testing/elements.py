@@ -29,8 +29,8 @@ class Elements:
         self._library = library
         self._processes = {robot: library.closure(definitions, pool.process) for robot, pool in cast.items()}
         self._of = {
-            robot: [ModelElement(home.file, process, element) for home, process in found for element in parts(process)]
-            for robot, found in self._processes.items()
+            robot: [ModelElement(home.file, process, element) for home, process in homes for element in parts(process)]
+            for robot, homes in self._processes.items()
         }
         self._names = {
             robot: {one.element.id: one.element.name for one in reversed(elements)}
@@ -47,13 +47,13 @@ class Elements:
         if any(one.element.id == name for one in elements):
             return frozenset([name])
         label = _plain(name)
-        found = frozenset(one.element.id for one in elements if _plain(one.element.name) == label)
-        if not found:
+        ids = frozenset(one.element.id for one in elements if _plain(one.element.name) == label)
+        if not ids:
             raise ConfigError(f"{robot} has no element {name!r}{self._similar(elements, name)}")
-        for other in (one for one in elements if one.element.id in found and _plain(one.element.name) != label):
+        for other in (one for one in elements if one.element.id in ids and _plain(one.element.name) != label):
             shown = f"{other.element.display_name} in {Path(other.file).name}"
             raise ConfigError(f"{name!r} has the id of {shown}: rename one of them")
-        return found
+        return ids
 
     def may_contain(self, robot: str, ids: frozenset[str], inner: str) -> bool:
         """Return whether an element is inside one of these, a subprocess or what is called; true if not known."""
@@ -87,10 +87,10 @@ class Elements:
     def _similar(self, elements: Iterable[ModelElement], name: str) -> str:
         """``; did you mean ...?``, or some that it has."""
         known: dict[str, str] = {}
-        for one in elements:
-            for word in (one.element.name, one.element.id):
+        for element in elements:
+            for word in (element.element.name, element.element.id):
                 if word:
-                    known.setdefault(_plain(word), one.element.display_name)
+                    known.setdefault(_plain(word), element.element.display_name)
         near = difflib.get_close_matches(_plain(name), known, 3, 0.5)
         if near:
             return f"; did you mean {' or '.join(dict.fromkeys(known[word] for word in near))}?"

@@ -84,8 +84,8 @@ class Block:
     def __getattr__(self, name: str) -> Any:
         if name not in _PARTS or self._stored is None:
             raise AttributeError(name)
-        found = json_value(self._stored())
-        return _PARTS[name](found)
+        content = json_value(self._stored())
+        return _PARTS[name](content)
 
     @property
     def events(self) -> int:
@@ -99,13 +99,13 @@ class Block:
     def to_json(self, sent: BlockSize | None = None) -> dict[str, Any]:
         """Everything in it, fit for JSON, or what has come since `sent`."""
         first, lists = (0, dict.fromkeys(LISTS, 0)) if sent is None else sent
-        found: dict[str, Any] = {"number": self.number, "start": self.start, "end": self.end, "first": first}
-        found["at"] = dict(lists)
+        content: dict[str, Any] = {"number": self.number, "start": self.start, "end": self.end, "first": first}
+        content["at"] = dict(lists)
         if sent is None:
-            found["key"] = self.key
-        found |= {name: values[first:] for name, values in self.columns.items()}
-        found["d"] = {str(place): detail for place, detail in self.details.items() if place >= first}
-        return found | {name: values[lists[name] :] for name, values in self.lists.items()}
+            content["key"] = self.key
+        content |= {name: values[first:] for name, values in self.columns.items()}
+        content["d"] = {str(place): detail for place, detail in self.details.items() if place >= first}
+        return content | {name: values[lists[name] :] for name, values in self.lists.items()}
 
     def to_bytes(self) -> bytes:
         """Return the JSON of everything in it."""
@@ -179,9 +179,9 @@ class Packer:
 
     def element(self, robot: int, id: str) -> int:
         """Return the number of an element of the files that a robot runs; NOWHERE if there is no such element."""
-        found, files = self.catalogue.candidates(id), self._files.get(robot, self._all)
-        own = [number for number in found if self.catalogue.elements[number].file in files]
-        return next(iter(own or found), NOWHERE)
+        candidates, files = self.catalogue.candidates(id), self._files.get(robot, self._all)
+        own = [number for number in candidates if self.catalogue.elements[number].file in files]
+        return next(iter(own or candidates), NOWHERE)
 
     def run(self, robot: int, files: Sequence[int]) -> None:
         """Note which files a robot runs from now on, as its events number them; NOWHERE is one that cannot be shown."""
@@ -323,9 +323,9 @@ class Packer:
         block.lists["waits"].append([time, robot, shown, [*data["gone"]]])
         self.state.robot(robot).apply(WAITING, data, time)
         if robot in self.state.circles or any(token.get("senders") for token in shown):
-            for one in self._meet(robot):
-                circle = self.state.circles.get(one)
-                block.lists["circles"].append([time, one, circle.text if circle is not None else ""])
+            for number in self._meet(robot):
+                circle = self.state.circles.get(number)
+                block.lists["circles"].append([time, number, circle.text if circle is not None else ""])
 
     def _meet(self, robot: int) -> list[int]:
         """See which robots wait for each other, as far as `robot` is one of them. Returns those that changed."""
@@ -334,9 +334,9 @@ class Packer:
         chain = WaitChain(states, {names[number]: self._models(number) for number in self.state.robots})
         before, now = known.get(robot), chain.circle(names[robot])
         changed = []
-        for one in dict.fromkeys([*(before.robots if before is not None else ()), *now]):
-            number, found = self.robot(one), chain.circle(one)
-            circle = WaitCircle(found, chain.circle_text(found)) if found else None
+        for name in dict.fromkeys([*(before.robots if before is not None else ()), *now]):
+            number, robots = self.robot(name), chain.circle(name)
+            circle = WaitCircle(robots, chain.circle_text(robots)) if robots else None
             if circle != known.pop(number, None):
                 changed.append(number)
             if circle is not None:
@@ -366,15 +366,15 @@ class Packer:
 
     def property(self, time: int, data: Mapping[str, Any]) -> None:
         """Add a change of a property: a judgement as in ``/fame/properties``, with numbers for robots and elements."""
-        found = {
+        place = {
             name: [[self.robot(robot), self.element(self.robot(robot), id)] for robot, id in data[name]]
             for name in ("elements", "names")
             if name in data
         }
         if self.blocks:
-            self._block(time).lists["properties"].append([time, {**data, **found}])
+            self._block(time).lists["properties"].append([time, {**data, **place}])
         else:  # before the first key
-            self._declared.append({**data, **found})
+            self._declared.append({**data, **place})
 
     def pose(self, time: int, robot: str, pose: Mapping[str, Any]) -> None:
         """Set the ``appearance`` of a simulated robot (docs/recording_format.md)."""

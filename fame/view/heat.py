@@ -56,26 +56,26 @@ class ElementHeat:
 
 def heat_of(blocks: Sequence[Block], catalogue: Catalogue) -> dict[int, ElementHeat]:
     """Return what each element of a catalogue did in a run, by its number."""
-    found: defaultdict[int, ElementHeat] = defaultdict(ElementHeat)
+    heat: defaultdict[int, ElementHeat] = defaultdict(ElementHeat)
     begun: defaultdict[tuple[int, int, int, int], list[int]] = defaultdict(list)
-    waiting = _Waiting(found, catalogue)
+    waiting = _Waiting(heat, catalogue)
     for block in blocks:
         columns = block.columns  # of a stored block they are read
         for t, r, i, s, e, w in zip(*(columns[name] for name in COLUMNS), strict=True):
             if w in (ENTER, TAKE):
-                found[e].times += 1
+                heat[e].times += 1
             if w == ENTER:
                 begun[r, i, s, e].append(t)
             elif w == FAIL:
-                found[e].failures += 1
+                heat[e].failures += 1
             if ENTER < w <= FAIL and begun[r, i, s, e]:
                 since = begun[r, i, s, e].pop(0)
                 if w == LEAVE:
-                    found[e].seconds.append((t - since) / SECOND)
+                    heat[e].seconds.append((t - since) / SECOND)
         waiting.read(block)
     waiting.end(blocks[-1].end if blocks else 0)
-    found.pop(NOWHERE, None)
-    return dict(found)
+    heat.pop(NOWHERE, None)
+    return dict(heat)
 
 
 class _Waiting:
@@ -214,18 +214,18 @@ class HeatMap(FileWatch):
                 if by_run.pop(run, None) is not None:
                     del self._sums[place]
                     self._shown.pop(place, None)
-                    for one in by_run.values():
-                        self._sum(place, one)
+                    for heat in by_run.values():
+                        self._sum(place, heat)
 
-    def _sum(self, place: _Place, one: ElementHeat) -> None:
-        self._sums[place].add(one)
+    def _sum(self, place: _Place, heat: ElementHeat) -> None:
+        self._sums[place].add(heat)
         self._shown.pop(place, None)
 
     def _add(self, run: int, replay: Replay) -> None:
         if not replay.blocks:
             self.notices[run] = [f"{self._name(run)}: nothing happened in it"]
             return
-        found, files = heat_of(replay.blocks, replay.catalogue), replay.catalogue.files
+        heats, files = heat_of(replay.blocks, replay.catalogue), replay.catalogue.files
         hashes = [model_hash(each.source) for each in files]
         with self._lock:
             self.notices[run] = [f"{self._name(run)}: {text}" for text in replay.notices]
@@ -234,11 +234,11 @@ class HeatMap(FileWatch):
             self.catalogue.extend(list(fresh.values()))
             for file in replay.missions:
                 self._missions[hashes[file]].append(run)
-            for number, one in found.items():
+            for number, heat in heats.items():
                 file, element, _ = replay.catalogue.elements[number]
                 place = _Place(self._numbers[hashes[file]], element.id)
-                self._found[place][run] = one
-                self._sum(place, one)
+                self._found[place][run] = heat
+                self._sum(place, heat)
 
     def _name(self, run: int) -> str:
         return str(self.paths[run].relative_to(self._folder))
@@ -292,8 +292,8 @@ class HeatMap(FileWatch):
             case {"do": "runs", "element": int(number)} if 0 <= number < len(self.catalogue.elements):
                 file, element, _ = self.catalogue.elements[number]
                 with self._lock:
-                    found = self._found.get(_Place(file, element.id), {}).items()
-                    return {"runs": [{"run": run, "name": self._name(run), **one.to_json()} for run, one in found]}
+                    by_run = self._found.get(_Place(file, element.id), {}).items()
+                    return {"runs": [{"run": run, "name": self._name(run), **one.to_json()} for run, one in by_run]}
             case {"do": "show", "run": int(run)} if self._show is not None and 0 <= run < len(self.paths):
                 if run not in self._pages:
                     self._pages[run] = self._show(self.paths[run])

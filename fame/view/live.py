@@ -203,10 +203,10 @@ _Instant = Mapping[tuple[str, str], list[Any]]
 
 def _by_robot(steps: Iterable[_Steps]) -> _Instant:
     """The steps of an instant, by topic and robot."""
-    found: dict[tuple[str, str], list[Any]] = {}
+    by_topic: dict[tuple[str, str], list[Any]] = {}
     for _, topic, robot, told in steps:
-        found.setdefault((topic, robot), []).extend(told)
-    return found
+        by_topic.setdefault((topic, robot), []).extend(told)
+    return by_topic
 
 
 def _steps(topic: str, data: Mapping[str, Any]) -> list[Any]:
@@ -223,9 +223,9 @@ def _steps(topic: str, data: Mapping[str, Any]) -> list[Any]:
 
 def _first_difference(recorded: list[str], now: list[str]) -> str:
     """The first difference of two messages, in words."""
-    for was, found in zip_longest(recorded, now, fillvalue="nothing more"):
-        if was != found:
-            return f"expected {was}, got {found}"
+    for was, is_now in zip_longest(recorded, now, fillvalue="nothing more"):
+        if was != is_now:
+            return f"expected {was}, got {is_now}"
     return "expected other instances or scopes"
 
 
