@@ -43,7 +43,8 @@ COMMANDS = {
 }
 """Commands whose processes are measured whole, in this order: the recording is that of the run before.
 
-The shuttle has as many states as it had at 1509237: others have more since uncaught errors end one instance."""
+Of the models, the shuttle is explored: its number of states has not changed since 1509237. Others have more, since an
+uncaught error ends one instance only."""
 OF_ENGINE = """
 import sys, json, time
 sys.path[:0] = ["benchmarks"]

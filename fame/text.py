@@ -161,7 +161,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise ConfigError(f"cannot be written: {error.strerror or error}", file=str(path)) from None
     finally:
         if part != whole:
-            with suppress(OSError):  # its folder is none
+            with suppress(OSError):  # its folder is not one, or cannot be listed
                 part.unlink(missing_ok=True)
 
 

@@ -271,6 +271,23 @@ def test_what_is_no_batch_is_ignored(field: Field) -> None:
     team.close()
 
 
+def test_a_change_that_cannot_be_recorded_is_said(field: Field) -> None:
+    notes: list[str] = []
+    node = field.middleware.node("watcher")
+    team = LiveTeam(node, field.middleware, field.scheduler, lambda *told: field.told.append(told), note=notes.append)
+    robot = field.middleware.node("/REX/fame_engine").publisher("/REX/bpmn_events", "std_msgs/msg/String")
+    field.run(1)
+    batch = {"robot": "REX", "session": 1, "batch": 1, "epoch": date_text(EPOCH), "time": 0, "begins": "P"}
+    changes = [["variables", 0, {"robot": "REX", "changes": 1}]]
+    robot.publish(
+        messages.create("std_msgs/msg/String", json.dumps({**batch, "protocol": PROTOCOL, "changes": changes}))
+    )
+    field.run(1)
+    team.close()
+    assert len(notes) == 1
+    assert notes[0].startswith("something that a robot reported cannot be recorded: TypeError")
+
+
 RESTARTED = "its engine restarted; its mission is lost"
 
 

@@ -98,7 +98,7 @@ def _by_name(
 
 
 def kind_of(scope: CheckScope, root: CheckedProcess, name: str) -> str:
-    """Return the one kind of value that a variable is set to wherever its robot sets it; empty if there is none."""
+    """Return the kind of value that a variable gets wherever its robot sets it; empty if there are several, or none."""
     types = types_of(scope)
     kinds = {one.kind for process in root.closure() for known, one in _samples(process, types) if known == name}
     return kinds.pop() if len(kinds) == 1 else ""

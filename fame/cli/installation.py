@@ -23,7 +23,7 @@ _PATIENCE = 5.0
 
 
 class Finding(NamedTuple):
-    """What a look at something found, and what mends it. `absent` is what nobody needs who does not use it."""
+    """The result of a check of the installation, and how to mend it. ``absent``: only those who want it miss it."""
 
     check: str
     verdict: Literal["ok", "absent", "warning", "wrong", "not known"]

@@ -346,7 +346,7 @@ class EngineNode:
             raise DeploymentError("a deployment is under way: nobody takes the robot over", cause="deployment")
         if self._no_memory:
             raise DeploymentError(f"{self._no_memory}, and its mission is held", cause="error")
-        if request.act not in ("suspend", "note"):  # whoever stops a robot may do so at any time
+        if request.act not in ("suspend", "note"):  # a robot may be stopped at any time
             self._refuse_promised()
         if request.act in ("continue", "fail") and not self._is_active:
             raise DeploymentError(f"it {self._asleep}: activate it", cause="lifecycle")
@@ -738,7 +738,7 @@ class EngineNode:
             if self._resumed is not None:
                 self._resumed.drop()
             if self._keeper is not None:
-                self._keeper.stop()  # that this engine ends is no part of the mission
+                self._keeper.stop()  # the mission does not end with this engine
             self._protocol.handle(Stopped())
             if self.running is not None:
                 self.running.stop()

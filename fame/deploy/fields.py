@@ -22,14 +22,14 @@ from fame.text import is_ros_name
 def values(message: Any) -> dict[str, Any]:
     """Return the fields of a message, a dataclass, by name. Their values are JSON as they are: nothing is copied.
 
-    A `later` field is left out where it says nothing: who does not know it can read the others.
+    A `later` field is left out where it has its default, so that a receiver of protocol 1 can read the others.
     """
     names, all_of, added = _getter(message.__class__)
-    found = dict(zip(names, all_of(message), strict=True))
+    data = dict(zip(names, all_of(message), strict=True))
     for name, default in added:
-        if found[name] == default:
-            del found[name]
-    return found
+        if data[name] == default:
+            del data[name]
+    return data
 
 
 def later(default: Any) -> Any:
@@ -41,11 +41,11 @@ def later(default: Any) -> Any:
 def _getter(cls: Any) -> tuple[Sequence[str], Callable[[Any], tuple[Any, ...]], Sequence[tuple[str, Any]]]:
     """The names of the fields of a class, of which there are two at least, what gives their values, and later ones.
 
-    A field that is not compared is no part of the message.
+    A field that is not compared does not belong to the message.
     """
-    found = [each for each in fields(cls) if each.compare]
-    names = [each.name for each in found]
-    added = [(each.name, each.metadata["later"]) for each in found if "later" in each.metadata]
+    compared = [each for each in fields(cls) if each.compare]
+    names = [each.name for each in compared]
+    added = [(each.name, each.metadata["later"]) for each in compared if "later" in each.metadata]
     return names, attrgetter(*names), added
 
 
@@ -57,32 +57,31 @@ LAST = 2**53
 
 
 def text(longest: int) -> FieldCheck:
-    """Return a text of at most `longest` characters."""
+    """Return the check of a text of at most `longest` characters."""
     return lambda value: isinstance(value, str) and len(value) <= longest
 
 
 def among(*values: str) -> FieldCheck:
-    """Return one of some texts."""
+    """Return the check of one of some texts."""
     return lambda value: isinstance(value, str) and value in values
 
 
 def integer(lowest: int = 0, end: int = LAST) -> FieldCheck:
-    """Return an integer from `lowest` to below `end`."""
+    """Return the check of an integer from `lowest` to below `end`."""
     return lambda value: type(value) is int and lowest <= value < end
 
 
 def number(value: Any) -> bool:
-    """Return a finite number that fits into a float."""
+    """Return whether a value is a finite number that fits into a float."""
     return (type(value) is int and abs(value) < LAST) or (type(value) is float and math.isfinite(value))
 
 
 def seconds(longest: float) -> FieldCheck:
-    """Return a number from 0 to `longest`."""
+    """Return the check of a number from 0 to `longest`."""
     return lambda value: number(value) and 0 <= value <= longest
 
 
 def flag(value: Any) -> bool:
-    """True or false."""
     return isinstance(value, bool)
 
 
@@ -91,24 +90,24 @@ def robot(value: Any) -> bool:
 
 
 def topic(value: Any) -> bool:
-    """Return the full name of a topic."""
+    """Return whether a value is the full name of a topic."""
     return isinstance(value, str) and len(value) <= 250 and is_ros_name(value)
 
 
-def sequence(each: FieldCheck) -> FieldCheck:
-    """Return a list of at most 10,000 values."""
-    return lambda value: isinstance(value, list) and len(value) <= 10_000 and all(map(each, value))
+def sequence(item: FieldCheck) -> FieldCheck:
+    """Return the check of a list of at most 10,000 values."""
+    return lambda value: isinstance(value, list) and len(value) <= 10_000 and all(map(item, value))
 
 
-def mapping(key: FieldCheck, each: FieldCheck) -> FieldCheck:
-    """Return an object of at most 10,000 names."""
+def mapping(key: FieldCheck, item: FieldCheck) -> FieldCheck:
+    """Return the check of an object of at most 10,000 names."""
     return lambda value: (
-        isinstance(value, dict) and len(value) <= 10_000 and all(map(key, value)) and all(map(each, value.values()))
+        isinstance(value, dict) and len(value) <= 10_000 and all(map(key, value)) and all(map(item, value.values()))
     )
 
 
 def record(checks: Mapping[str, FieldCheck]) -> FieldCheck:
-    """Return an object with these fields, or some of them; others are ignored."""
+    """Return the check of an object with these fields, or some of them; others are ignored."""
     return lambda value: (
         isinstance(value, dict) and all(check(value[name]) for name, check in checks.items() if name in value)
     )
@@ -121,24 +120,24 @@ def checks(cls: Any) -> Mapping[str, FieldCheck]:
     return {name: hints[name].__metadata__[0] for name in _getter(cls)[0]}
 
 
-def read(cls: Callable[..., _Message], found: Any, *, ignore: bool = False) -> _Message:
+def read(cls: Callable[..., _Message], data: Any, *, ignore: bool = False) -> _Message:
     """Return a message made of JSON. Raises TypeError for a field that has a wrong value, or is unknown.
 
     ignore  leave out unknown fields: of messages that only tell, and make nobody act (docs/deployment.md)
     """
-    if not isinstance(found, dict):
+    if not isinstance(data, dict):
         raise TypeError("not an object")
     known = checks(cls)
-    taken = {name: value for name, value in found.items() if name in known} if ignore else found
+    taken = {name: value for name, value in data.items() if name in known} if ignore else data
     invalid = first_invalid(taken, known)
     if invalid is not None:
         raise TypeError(f"field {invalid[:40]!r}")
     return cls(**taken)
 
 
-def first_invalid(found: Mapping[str, Any], checks: Mapping[str, FieldCheck]) -> str | None:
-    """Return the first field of `found` that is unknown or does not pass, or None."""
-    for name, value in found.items():
+def first_invalid(data: Mapping[str, Any], checks: Mapping[str, FieldCheck]) -> str | None:
+    """Return the first field of `data` that is unknown or does not pass, or None."""
+    for name, value in data.items():
         check = checks.get(name)
         if check is None or not check(value):
             return name

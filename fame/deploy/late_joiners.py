@@ -144,7 +144,7 @@ def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[LateJoin
     late = state.waiting - {robot for robot, time in state.retry if time > now}
     if state.deploying or not late:
         return state, ()
-    if state.others and not state.ours:
+    if state.others and not state.ours:  # the team runs another model: a late robot must not begin the old one alone
         new = tuple(sorted(late - state.withheld))
         return replace(state, withheld=state.withheld | late), (Withhold(new),) if new else ()
     retry = _without(state, late) | {(robot, now + round(RETRY * SECOND)) for robot in late}

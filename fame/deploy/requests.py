@@ -111,9 +111,9 @@ class TaskServer:
     """The robot's end. `running` gives its node, `report` publishes (answer, id of the request, reason,
     and the cause of a refusal by keyword).
 
-    `check` raises DeploymentError for a request that is not from somebody who is trusted, and returns the fingerprint
-    of the key that signed it, if it was signed. `refuse` raises it for one that cannot be met now: once refused, a
-    request that arrives again is not done. `now` gives s of a clock that is never set.
+    `check` raises DeploymentError for a request that no trusted key signed, and returns the fingerprint of the key, if
+    there is one. `refuse` raises it for a request that cannot be met now: once refused, it is not carried out when it
+    arrives again. `now` gives the seconds of a clock that is never set.
     """
 
     def __init__(

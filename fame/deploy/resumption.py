@@ -251,7 +251,7 @@ class StateKeeper:
         return go_on
 
     def stop(self) -> None:
-        """Record no more: what follows is no part of the mission."""
+        """Stop recording: what follows does not belong to the mission."""
         if self.recorder is not None:
             self.recorder.close()
             self.recorder.journal.close()

@@ -106,7 +106,7 @@ def _named(storage: _Storage, names: Collection[str]) -> Iterator[_Raw]:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[BagReader]:
-    """Open a bag. Raises ConfigError for what is none, or cannot be read."""
+    """Open a bag. Raises ConfigError for a file that is not one, or cannot be read."""
     with ExitStack() as stack:
         with _readable(str(path)):
             storages = [_bag_file(each, stack, compression) for each, compression in _files(path, stack)]

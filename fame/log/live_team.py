@@ -266,8 +266,10 @@ class LiveTeam(Closing):
         while self._waiting and self._waiting[0][0] <= until:
             time, number, action = heappop(self._waiting)
             del self._arrived[number]
-            with suppress(*_STRANGE):
+            try:
                 action(max(time, self._writer.last, self._floor()))
+            except _STRANGE as error:  # of a batch that looked right
+                self._note(f"something that a robot reported cannot be recorded: {error!r}")
 
     def _begin(self, robot: str, process: str, time: int) -> None:
         """Note that a robot starts a process, perhaps after another: its batches are complete from now on."""

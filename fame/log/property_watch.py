@@ -33,7 +33,7 @@ _FINDING = 3 * SECOND
 class Alarm:
     """Throws ``/violated/NAME`` (std_msgs/msg/String) of the property that the variables of a service give.
 
-    Raises ConfigError for a name that is no name of a topic, and for a wrong sentence.
+    Raises ConfigError for a name that cannot be a topic's, and for a wrong sentence.
     """
 
     property: Property

@@ -88,7 +88,7 @@ class Recording(Closing):
     warnings: Sequence[str]
 
     def __init__(self, path: str | Path) -> None:
-        """Raises ConfigError for a file that cannot be read, is no recording of FAME, or has a newer format."""
+        """Raises ConfigError for a file that cannot be read, is not a recording of FAME, or has a newer format."""
         self.file: str = str(path)
         try:
             self._stream: BinaryIO = open_file(Path(path))

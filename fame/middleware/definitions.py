@@ -279,6 +279,6 @@ def _default_item(base: str, text: str) -> Any:
     for read in (float,) if base.startswith("float") else (int, lambda number: int(number, 0)):
         try:
             return read(text)
-        except ValueError:
+        except ValueError:  # not written in this way
             pass
     return text

@@ -49,7 +49,7 @@ def origin_of(path: Path) -> dict[str, str]:
     try:
         old = load_any(path)
     except FameError:
-        return found | {"predecessor": "a file that is no model of this version"}
+        return found | {"predecessor": "a file that this version cannot read as a model"}
     made = old.conditions.get("made", "an unknown date")
     return found | {"predecessor": f"of {made}, trained on data {old.data[:12]}"}
 

@@ -191,7 +191,7 @@ def _answered(state: Outgoing, event: Answered) -> Outgoing:
         receiver = Receiver(event.robot, event.life, number, number)
     else:
         accepted = max(receiver.accepted, number)
-        sent = accepted if receiver.asked else max(receiver.sent, accepted)
+        sent = accepted if receiver.asked else max(receiver.sent, accepted)  # asked without progress: the rest was lost
         moved = receiver.moved or accepted > receiver.accepted
         receiver = replace(receiver, accepted=accepted, sent=sent, moved=moved, asked=False)
     others = (one if one.robot != event.robot else receiver for one in state.receivers)
@@ -280,7 +280,7 @@ def step_incoming(state: Incoming, event: SignalReceived) -> tuple[Incoming, tup
     last = state.accepted.get(sender, 0)
     if not event.number or event.receiver != state.life or event.number <= last:
         return state, (Answer(*sender, last),)
-    if event.follows > last:
+    if event.follows > last:  # out of order, or the one before was lost: the sender asks, and sends both again
         return state, ()
     accepted = {**state.accepted, sender: event.number}
     lives = [key for key in accepted if key[0] == event.robot]

@@ -402,7 +402,7 @@ class Journal:
     def _close_file(self) -> None:
         if self._file is not None and self._commits is not None:
             self._commits.close()
-            with suppress(OSError):
+            with suppress(OSError):  # what had to be on the disk was synced before its effect; this is the rest
                 self._file.sync()
             self._file.close()
             self._file = self._commits = None

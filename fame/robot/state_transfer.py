@@ -112,6 +112,7 @@ def transfer_state(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[
     engine = restore(new.engine.program, data, new.host, new.engine.new_variables, load=live.load)
     engine.at_once = new.engine.at_once
     host, before = new.host, old.host
+    # The robot's counts and ended instances are those of its mission, whatever the version of the model.
     host.started, host.completed, host.failed = before.started, before.completed, before.failed
     host.elements_done = before.elements_done
     over = [instance for instance in old.instances if instance.status != "running"]

@@ -108,7 +108,8 @@ class RobotTimers:
             self.set(key, kind, text)
             return late
         if last is not None and missed != "skip":
-            delays, following, fired = chain((), [following] if following is not None else [], delays), last, fired - 1
+            # It fires once, at the last of its missed times, which then counts for all of them.
+            delays, following, fired = chain([] if following is None else [following], delays), last, fired - 1
         if following is not None:
             self._texts[key] = [kind, text, base, fired + late]
             self._enter(key, delays, base, following)

@@ -421,7 +421,7 @@ class Run:
     def stop(self) -> None:
         """Bring every robot with a live engine to its safe state, then close everything.
 
-        What this cancels is no part of the run: logs and recordings end with what was active.
+        What this cancels does not belong to the run: logs and recordings end with what was active.
         """
         with self._random:
             for node in self.nodes:

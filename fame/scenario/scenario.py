@@ -404,7 +404,7 @@ def _unmatched_topics(run: Run) -> Iterator[str]:
 
 
 def _without_effect(run: Run, file: str) -> Iterator[Finding]:
-    """Find what a scenario says in vain: after its end, on topics that no robot uses, in fields that a form lacks."""
+    """Find what has no effect: after the end of the run, on topics that no robot uses, in fields that a form lacks."""
     scenario, network = run.scenario, run.scenario.network
     says = [(f"{one.element} of {one.robot} is completed", one.time) for one in scenario.completions]
     for what, time in (*says, *((f"{one.topic} is published", one.time) for one in scenario.signals)):

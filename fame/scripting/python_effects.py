@@ -285,7 +285,7 @@ READING_METHODS = frozenset(
 )  # fmt: skip
 """Methods of plain data that leave it and their arguments as they are."""
 NEW = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp, ast.Constant, ast.BinOp, ast.JoinedStr)
-"""Expressions whose value is no part of another one."""
+"""Expressions whose value does not share parts with another one."""
 
 
 def changed_names(tree: ast.AST) -> set[str]:

@@ -112,7 +112,7 @@ class Call(ScriptRequest):
 
 
 STILL_RUNNING = "still_running"
-"""The code of the error of a request that waits for a cancelled goal in vain; also the signal that one still runs."""
+"""The code of the error of a request whose cancelled goal does not end; also the signal that one still runs."""
 
 
 class GoalError(BpmnError):

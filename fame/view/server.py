@@ -236,7 +236,7 @@ class _RefusalLog:
 
 
 def _bounded(refusals: _RefusalLog) -> type[asyncio.Protocol]:
-    """The HTTP protocol of a server that closes connections without a request: whoever opens many keeps nobody out."""
+    """The HTTP protocol of a server that closes connections without a request: one client cannot shut others out."""
     from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
     waiting: dict[Any, None] = {}  # the oldest first

@@ -30,7 +30,7 @@ from sim2d.randomness import Noise
 FINEST = 500.0
 """The rate of the UR5e, Hz."""
 APART = 1.0
-"""A larger deviation (rad) is none of the equation: the simulation has failed."""
+"""A larger deviation (rad) cannot come from the equation: the simulation has failed."""
 BANDWIDTH = 60.0
 """w, rad/s."""
 STILL = 1e-9

@@ -170,7 +170,7 @@ class Cutter:
         text = " ".join(message.data.split())
         try:
             programmed(text, self._rate)
-        except ConfigError:
+        except ConfigError:  # an unknown program: the controller keeps the one that it has
             return
         self._program = text
 

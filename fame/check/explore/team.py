@@ -35,7 +35,7 @@ class Team:
     kinds     robot -> its pool, by another name if others of the pool do not start alike (`kinds_of`)
     model     their processes as they are explored
     locals    the transitions of each robot; robots that nothing tells apart share them
-    alike     kind -> whether its robots do not know which of them they are
+    alike     kind -> whether nothing in their processes tells its robots apart
     monitors  of the properties that are judged or watched, None if there are none
     given     place of a robot -> the state from which it goes on
     received  (process, topic) of what robots have received in any search so far

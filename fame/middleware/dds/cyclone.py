@@ -1,4 +1,4 @@
-"""What FAME takes of cyclonedds that is no interface of it. Verified with cyclonedds 11.0.1.
+"""The internals of cyclonedds that FAME uses: its own interface lacks them. Verified with cyclonedds 11.0.1.
 
 ==================  ==================================================================================================
 `policies_at`       its own conversion of the policies that discovery reads has one place for all threads where a value

@@ -242,7 +242,7 @@ def to_dds(qos: QoS, user_data: str, writes: bool) -> Qos:
         policies.append(Policy.Durability.TransientLocal)
     if writes:
         policies += [Policy.Lifespan(_time(qos.lifespan)), Policy.WriterDataLifecycle(autodispose=False)]
-        if qos.durability == "transient_local":  # else whoever comes late gets one message
+        if qos.durability == "transient_local":  # else a late subscriber gets one message
             policies.append(Policy.DurabilityService(0, _history(qos), -1, -1, -1))
     return Qos(*policies)
 
