@@ -1,8 +1,11 @@
 """Pipelines in missions: services are call activities that run until their scope ends, an alarm is a signal."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ from fame.middleware import messages
 from fame.monitor.calibration import Calibration, calibrate
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.detectors import ChannelAutoencoders
-from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ROBOT = "robot"
@@ -72,7 +75,10 @@ def handler(signal: str) -> str:
     )
 
 
-def arm(sim: fame.Simulation, seconds: float, push: float = 0.0, *, sway: float = 0.0, rate: int = 500) -> None:
+def arm(
+    sim: fame.Simulation, seconds: float, push: float = 0.0, *, sway: float = 0.0, rate: int = 500,
+    names: Sequence[str] = JOINTS,
+) -> None:  # fmt: skip
     """Efforts of an arm at rest, somebody pushing joint 3; joint 0 may sway."""
     node = sim.middleware.node("driver")
     publisher = node.publisher(f"/{ROBOT}/joint_states", JOINT_STATE)
@@ -80,7 +86,7 @@ def arm(sim: fame.Simulation, seconds: float, push: float = 0.0, *, sway: float 
     for number in range(1, round(seconds * rate) + 1):
         sim.run(until=begin + number / rate)
         efforts = [0.1 + sway * math.sin(0.1 * number), 0.1, 0.1, 0.1 + push, 0.1, 0.1]
-        content = {"header": {"stamp": sim.now}, "name": JOINTS, "effort": efforts}
+        content = {"header": {"stamp": sim.now}, "name": names, "effort": efforts}
         publisher.publish(messages.create(JOINT_STATE, content))
     node.close()
 
@@ -142,6 +148,120 @@ def test_a_mission_that_catches_drift_is_told_before_there_is_an_alarm(tmp_path:
     assert 5 < runs < 15
     assert (0.1 + 0.003 * runs) ** 2 < 0.5  # far below the threshold of the alarm
     assert "anomaly" not in instance.variables
+
+
+def watched_arm(file: Path, blind: str, more: str = "", *, types: bool = True) -> fame.Simulation:
+    """A mission that is monitored, counts what it is told of its monitor, and works for a second each."""
+    monitor = call("Monitor", "joint_monitor", model=str(file), blind=blind)
+    string = '<camunda:property name="type" value="std_msgs/msg/String"/>'
+    typed = extensions(f"<camunda:properties>{string}</camunda:properties>") if types else ""
+    told = "".join(
+        f'<subProcess id="H{name}" triggeredByEvent="true"><startEvent id="{name}" isInterrupting="false">{typed}'
+        f'<signalEventDefinition id="d{name}" signalRef="S{name}"/></startEvent><endEvent id="e{name}"/>'
+        f"{flow(name, f'e{name}')}</subProcess>"
+        for name in ("monitor_blind", "monitor_sees")
+    )
+    signals = "".join(f'<signal id="S{name}" name="{name}"/>' for name in ("monitor_blind", "monitor_sees"))
+    sim = fame.Simulation(read_text(process(
+        f'<startEvent id="s"/>{monitor}<endEvent id="e"/>{flow("s", "Monitor", "e")}{told}{more}', signals
+    )))  # fmt: skip
+    sim.run(until=0.1)
+    return sim
+
+
+def test_a_mission_that_gives_no_type_gets_a_bare_signal(tmp_path: Path) -> None:
+    sim = watched_arm(model(tmp_path / "m.skops"), "continue", types=False)
+    arm(sim, 1.0)
+    sim.run(until=sim.now + 4)
+    assert sim.instances[0].visits["monitor_blind"] == 1
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ({"silent": True}, "/robot/joint_states: no message for 2 s"),
+        ({"push": math.nan}, "/robot/joint_states: no message can be used: Efforts is not finite"),
+        ({"rate": 250}, "Rate: 500 is expected"),
+        ({"other": True}, "/robot/joint_states: no message can be used: Efforts has the channels"),
+    ],
+)
+def test_a_mission_is_told_that_its_monitor_is_blind_and_that_it_sees_again(
+    tmp_path: Path, how: dict[str, Any], reason: str
+) -> None:
+    sim = watched_arm(model(tmp_path / "m.skops"), "continue")
+    (instance,) = sim.instances
+    arm(sim, 3.0)
+    assert not instance.visits["monitor_blind"]
+    if how == {"silent": True}:
+        sim.run(until=sim.now + 4)
+    elif how == {"other": True}:
+        arm(sim, 4.0, names=[f"wheel_{number}" for number in range(6)])
+    else:
+        arm(sim, 4.0, **how)
+    assert instance.visits["monitor_blind"] >= 1
+    assert not instance.visits["monitor_sees"]
+    assert instance.variables["monitor_blind"]
+    assert any("the monitor is blind: " in str(each) and reason in str(each) for each in sim.reports)
+    arm(sim, 5.0)
+    assert instance.visits["monitor_sees"] >= 1
+    assert instance.status == "running"
+
+
+def test_a_joint_that_hardly_moves_makes_the_monitor_blind(tmp_path: Path) -> None:
+    made = TrainedModel.load(model(tmp_path / "m.skops"))
+    replace(made, conditions={LEAST_MOVEMENT: [0.1, 0, 0, 0, 0, 0]}).save(tmp_path / "m.skops")
+    sim = watched_arm(tmp_path / "m.skops", "continue")
+    arm(sim, 3.0, sway=0.5)
+    (instance,) = sim.instances
+    assert not instance.visits["monitor_blind"]
+    arm(sim, 4.0)
+    assert "autoencoders: Efforts.joint_0 hardly moves: not judged" in instance.variables["monitor_blind"]
+
+
+def test_the_diagnostics_of_ros_say_what_keeps_a_monitor_from_judging(tmp_path: Path) -> None:
+    sim = watched_arm(model(tmp_path / "m.skops"), "continue")
+    told: dict[str, tuple[int, str]] = {}
+
+    def on_diagnostics(message: Any) -> None:
+        told.update({each.name: (each.level, each.message) for each in message.status})
+
+    sim.middleware.node("person").subscription("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", on_diagnostics)
+    arm(sim, 3.0)
+    assert told["low_pass: monitor"] == told["threshold: monitor"] == (0, "sees")
+    sim.run(until=sim.now + 4)
+    assert told["low_pass: monitor"] == (1, "/robot/joint_states: no message for 2 s")
+    assert told["threshold: monitor"] == (0, "sees"), "the node before it says why nothing comes"
+
+
+def test_a_blind_monitor_is_an_error_of_its_call_if_the_mission_wants_that(tmp_path: Path) -> None:
+    caught = (
+        '<boundaryEvent id="Blind" attachedToRef="Monitor"><errorEventDefinition id="x"/></boundaryEvent>'
+        f'<endEvent id="Stopped"/>{flow("Blind", "Stopped")}'
+    )
+    sim = watched_arm(model(tmp_path / "m.skops"), "error", caught)
+    arm(sim, 3.0)
+    (instance,) = sim.instances
+    assert instance.status == "running"
+    sim.run(until=sim.now + 4)
+    assert (instance.status, instance.visits["Stopped"]) == ("completed", 1)
+
+
+def test_a_mission_may_wait_until_its_monitor_sees(tmp_path: Path) -> None:
+    sim = watched_arm(model(tmp_path / "m.skops"), "wait")
+    arm(sim, 3.0)
+    node = sim.node
+    assert not node.holds
+    sim.run(until=sim.now + 4)
+    assert node.holds == {"its monitor, which is blind"}
+    arm(sim, 4.0)
+    assert not node.holds
+    arm(sim, 1.0, push=3.0)
+    assert "joint_losses" in {info.name.rpartition("/")[2] for info in sim.middleware.graph()}, "it monitors again"
+
+
+def test_what_a_monitor_does_when_it_is_blind_is_one_of_three_words(tmp_path: Path) -> None:
+    sim = watched_arm(model(tmp_path / "m.skops"), "ignore")
+    assert "variable blind: expected one of continue, wait, error, got 'ignore'" in str(sim.instances[0].error)
 
 
 def test_a_unit_with_a_wrong_configuration_is_an_error_of_the_mission(tmp_path: Path) -> None:

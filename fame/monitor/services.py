@@ -5,7 +5,7 @@ the mission's model.
 
 ``process``      a processing node: `configuration` (a file, also looked for in ``models/monitoring``), `parameters` of
                  its processors by name (a mapping or its text), `namespace` that topics are relative to (default: the
-                 robot's)
+                 robot's), `blind`: what happens when it cannot judge (`continue`, `wait` or `error`)
 ``record``       a recording node: `configuration`, `namespace`, `output`, one place or several
 ``train``        ``fame monitor train``: `configuration`; sets `model` and `thresholds`
 ``adm_collect``  record labelled runs of an arm: `output`, `label`, `runs`, `points`, `rule`, `topic`, `field`
@@ -23,7 +23,9 @@ from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
+from fame.engine.host import BpmnError
 from fame.errors import ConfigError, MissionError
+from fame.middleware.typesystem import STRING
 from fame.robot.services import (
     CommandService,
     MissingFileError,
@@ -37,7 +39,9 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.nodes import ArmOptions
     from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
+    from fame.monitor.pipeline.node import ProcessingNode
 
+BLIND = "continue", "wait", "error"
 RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
 
 
@@ -61,17 +65,50 @@ class _NodeService:
 # ---- pipelines -------------------------------------------------------------------------------------------------------
 
 
-def process(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+class MonitorService(_NodeService):
+    """A processing node; `blind` of its variables says what happens when it cannot judge: the mission is told by
+    signals alone (``continue``), is held until it can (``wait``), or gets the error ``monitor_blind`` (``error``)."""
+
+    _node: ProcessingNode
+
+    def __init__(self, context: ServiceContext, variables: dict[str, Any], configuration: Configuration) -> None:
+        from fame.monitor.pipeline.node import ProcessingNode
+
+        self._context, self._variables, self._closed = context, variables, False
+        self._then, self._reason = _choice(variables, "blind", BLIND), ""
+        self._name = configuration.name
+        self._node = ProcessingNode(
+            context.middleware, context.scheduler, configuration, namespace=_namespace(context, variables),
+            report=context.report, on_blind=self._on_blind,
+        )  # fmt: skip
+
+    def results(self) -> None:
+        """Return None: the node does not end by itself. Raises BpmnError if it is blind, and the mission wants that."""
+        if self._reason and self._then == "error":
+            raise BpmnError("monitor_blind", self._reason)
+
+    def close(self) -> None:
+        """Close the node, unless the mission is held for it: then once it sees."""
+        self._closed = True
+        if not self._reason or self._then != "wait":
+            self._node.close()
+            if self._reason:
+                self._context.blind(self._name, None, None)
+
+    def _on_blind(self, reason: str) -> None:
+        self._reason = self._variables["monitor_blind"] = reason
+        if not reason and self._closed:
+            self._node.close()
+        self._context.blind(self._name, reason, self._node.close if self._then == "wait" else None)
+        self._context.changed()
+
+
+def process(context: ServiceContext, variables: dict[str, Any]) -> RunningService:
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.node import ProcessingNode
 
     configuration = load(_configuration_file(context.folder, variables))
     configuration = _with_parameters(configuration, _parameters(variables), context.folder)
-    node = ProcessingNode(
-        context.middleware, context.scheduler, configuration,
-        namespace=_namespace(context, variables), report=context.report,
-    )  # fmt: skip
-    return _NodeService(node)
+    return MonitorService(context, variables, configuration)
 
 
 def record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
@@ -104,7 +141,8 @@ def process_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Servi
         return None
     configuration, place = load(_configuration_file(folder, variables)), variables.get("namespace")
     ports = [(port, False) for port in configuration.inputs] + [(port, True) for port in configuration.outputs]
-    return [ServiceTopic(_name(port.topic, place), port.type, throws) for port, throws in ports]
+    signals = [ServiceTopic(topic, STRING, True) for topic in ("/monitor_blind", "/monitor_sees")]
+    return [*(ServiceTopic(_name(port.topic, place), port.type, throws) for port, throws in ports), *signals]
 
 
 def record_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:

@@ -57,6 +57,10 @@ class Outbox(Protocol):
         """Add a line for people to the next record."""
 
 
+_BLIND = "its monitor, which is blind"
+"""Why a mission is held."""
+
+
 class EngineHost:
     """The host of one engine. `engine` is to be set before the first stimulus; `recorder` takes its effects, if set."""
 
@@ -100,6 +104,10 @@ class EngineHost:
         self.runner, self.inbox = self.scripts.runner, self.scripts.runner.inbox
         self.timers: RobotTimers = RobotTimers(scheduler, options.epoch, self._on_timer)
         self._asks: list[tuple[Task, str]] = []  # the compiled tasks that call a service or action, and their files
+        self.blind: dict[str, str] = {}  # monitors that cannot judge, and why
+        self.hold: Callable[[str], object] = lambda reason: None  # the mission, until `release`
+        self.release: Callable[[str], object] = self.hold
+        self._held_for: dict[str, Callable[[], object]] = {}  # monitors that the mission waits for, and their ends
         self._late: set[str] = set()  # elements whose timer was reported as too late
         self._known_missing: set[tuple[str, str]] = set()
 
@@ -140,7 +148,21 @@ class EngineHost:
             report=partial(self.report, element),
             changed=self.scripts.on_changed,
             signals=self.scripts.signals,
+            blind=partial(self._on_blind, element),
         )
+
+    def _on_blind(self, element: str, name: str, reason: str | None, end: Callable[[], object] | None) -> None:
+        self.blind = {**self.blind, name: reason or ""}
+        if not reason:
+            del self.blind[name]
+        if reason is not None:
+            text = f"the monitor is blind: {reason}" if reason else "the monitor sees"
+            self.emit(Event(self._scheduler.now, self._robot, 0, 0, element, "report", text))
+        if end is not None and reason:
+            self._held_for[name] = end
+            self.hold(_BLIND)
+        elif self._held_for.pop(name, None) is not None and not self._held_for:
+            self.release(_BLIND)
 
     # ---- messages ----------------------------------------------------------------------------------------------------
 
@@ -293,5 +315,7 @@ class EngineHost:
 
     def close(self) -> None:
         """Close scripts, and cancel timers."""
+        for end in self._held_for.values():
+            end()
         self.scripts.close()
         self.timers.close()

@@ -95,6 +95,7 @@ class RobotNode:
             self.acknowledged = AcknowledgedSignals(self, options.membership)
         self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self.endpoints, options)
         self.host.acknowledged = self.acknowledged
+        self.host.hold, self.host.release = self.hold, self.release
         self.runner: Runner = self.host.runner
         self.runner.on_lost = self._on_lost_request
         self.runner.cancelled.on_still_running = partial(self.raise_signal, f"~/{STILL_RUNNING}", "std_msgs/msg/String")

@@ -34,6 +34,8 @@ class ServiceContext:
     report   gets a line of text for people
     changed  to be called when the service has ended by itself, has thrown a signal, or has changed a variable
     signals  (full topic, type): a function that throws a signal there, as an event of the robot does
+    blind    gets the name of a monitor and why it cannot judge, empty once it can, None when it ends. With a function
+             that ends it, the mission is held meanwhile: its task is cancelled, and its `close` must not end it then
     """
 
     robot: str
@@ -44,6 +46,7 @@ class ServiceContext:
     report: Callable[[str], object]
     changed: Callable[[], object]
     signals: Callable[[str, str], Callable[[Any], object]]
+    blind: Callable[[str, str | None, Callable[[], object] | None], object] = lambda name, reason, end: None
 
 
 class RunningService(Protocol):

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import "./page.mjs";
-import { doing } from "../../fame/view/page/roster.js";
+import { blindness, doing } from "../../fame/view/page/roster.js";
 
 const ELEMENTS = [
   { id: "Gateway_1", tag: "eventBasedGateway" },
@@ -41,4 +41,14 @@ test("the name of a gateway says it better, and an activity or event better stil
 
 test("a token that passes a gateway is not waited for", () => {
   assert.equal(said([0, ""]), "");
+});
+
+test("a robot whose monitor cannot judge says why, as long as the monitor runs", () => {
+  const app = { mission: { elements: [{ id: "Unit", tag: "serviceTask" }, ...ELEMENTS] } };
+  const of = (values) => ({ valueOf: (r, s, name) => (name === "monitor_blind" ? values[s] : undefined) });
+  const tokens = [1, 2].map((s) => ({ r: 0, s, e: 0 }));
+  const silent = "/Arm/joint_states: no message for 2 s";
+  assert.equal(blindness(app, of({ 1: "", 2: silent }), { r: 0, tokens }), silent);
+  assert.equal(blindness(app, of({ 1: "" }), { r: 0, tokens }), "");
+  assert.equal(blindness(app, of({ 2: silent }), { r: 0, tokens: [{ r: 0, s: 2, e: 1 }] }), "");
 });

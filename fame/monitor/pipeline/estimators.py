@@ -43,6 +43,8 @@ class Autoencoder(Processor):
     gap: float
 
     elements: ActiveElements = ()
+    blind: str = ""
+    """Why the last windows were not judged."""
 
     def __init__(self, model: str | Path | TrainedModel = "", **values: Any) -> None:
         super().__init__(**values)
@@ -65,7 +67,7 @@ class Autoencoder(Processor):
             return None
         trained = self.trained
         begins = self._begins(samples.stamps)
-        windows = self._windower.feed(samples, trained.window, self.stride, trained.rate, self.report)
+        windows = self._windower.feed(samples, trained.window, self.stride, trained.rate, self._not_judged)
         if not len(windows):
             return None
         if trained.elements:
@@ -78,14 +80,21 @@ class Autoencoder(Processor):
         still = self.trained.still(windows.values)
         out = still.any(axis=1) & (loss <= self.trained.thresholds).all(axis=1)
         for channel in np.flatnonzero(still[out].any(axis=0)):
-            self.report(f"{self.trained.columns[channel]} hardly moves: not judged")
-        return None if out.all() else {"loss": windows.replace(loss[~out], windows.stamps[~out])}
+            self._not_judged(f"{self.trained.columns[channel]} hardly moves: not judged")
+        if out.all():
+            return None
+        self.blind = ""
+        return {"loss": windows.replace(loss[~out], windows.stamps[~out])}
+
+    def _not_judged(self, text: str) -> None:
+        self.blind = text
+        self.report(text)
 
     def _judge_elements(self, windows: Samples) -> Result:
         axis = self.trained.elements
         strange = foreign(windows.stamps, self.elements, axis)
         for name in np.unique(active(windows.stamps[strange], self.elements)[0]):
-            self.report(f"no training run had the element {name}: not judged")
+            self._not_judged(f"no training run had the element {name}: not judged")
         known = windows.replace(windows.values[~strange], windows.stamps[~strange])
         if not len(known):
             return None

@@ -23,6 +23,7 @@ from fame.errors import MessageError
 from fame.middleware.interface import Middleware, Node, resolve
 from fame.middleware.typesystem import STRING
 from fame.monitor.pipeline import fields
+from fame.monitor.pipeline.blindness import told_by_others
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.elements import ElementFollower
 from fame.monitor.pipeline.fields import OtherDevice, Read, UnusableMessage, has_stamp, reader, stamp_of, unusable
@@ -164,6 +165,7 @@ class _Stream:
         self.last, self.begin, self.quickest = -np.inf, -np.inf, np.inf
         self.count = self.counted = self.left_out = self.others = self.unwanted = 0
         self.reason, self.arrived, self.taken = "", (np.inf, -np.inf), (np.inf, -np.inf)
+        self.wrong_rate = ""  # how the rate differs from the expected one
         self.latest: list[Any] = []  # the values of the last message that was taken
         self.older, self.back = 0, 0.0  # messages of earlier stamps since then, and how much (s) earlier
 
@@ -201,6 +203,7 @@ class InputNode:
         MessageError if a topic of the inputs or `outputs` has another type."""
         self.configuration, self.scheduler, ports = configuration, scheduler, configuration.inputs
         self._sample_handler, self._ordered = on_sample, ordered
+        self._made, self._middleware = scheduler.now / SECOND, middleware
         self.report = ThrottledReport(lambda text: report(f"{configuration.name}: {text}"))
         ends = [[(resolve(port.topic, namespace), port.type) for port in each] for each in (ports, outputs)]
         check_types(middleware, *ends)
@@ -252,6 +255,23 @@ class InputNode:
         """Report rates that differ from the expected ones. To be called about once a second."""
         for stream in self.streams:
             self._check_rate(stream)
+
+    def unseen(self) -> dict[str, str]:
+        """Return why topics give nothing, or too little, to judge by: kind of reason -> text."""
+        now, found = self.scheduler.now / SECOND, {}
+        for stream in self.streams:
+            topic, arrived, taken = (
+                stream.topic,
+                *(max(self._made, each[1]) for each in (stream.arrived, stream.taken)),
+            )
+            if now - arrived >= SILENCE:
+                if not told_by_others(self._middleware, self.node.name, topic):
+                    found[f"silent {topic}"] = f"{topic}: no message for {SILENCE:g} s"
+            elif now - taken >= SILENCE and stream.reason:
+                found[f"unusable {topic}"] = f"{topic}: no message can be used: {stream.reason}"
+            elif stream.wrong_rate:
+                found[f"rate {topic}"] = stream.wrong_rate
+        return found
 
     def close(self) -> None:
         """Close all endpoints."""
@@ -373,8 +393,10 @@ class InputNode:
         stream.counted, stream.begin = stream.count, stream.last
         if not isfinite(span):
             return  # the first second
+        stream.wrong_rate = ""
         if abs(count / span - expected) > DEVIATION * expected:
-            self.report(f"rate {topic}", f"{topic}: {count / span:.3g} Hz arrive; Rate: {expected:g} is expected")
+            stream.wrong_rate = f"{topic}: {count / span:.3g} Hz arrive; Rate: {expected:g} is expected"
+            self.report(f"rate {topic}", stream.wrong_rate)
         else:
             self.report.over(f"rate {topic}", f"{topic}: {expected:g} Hz again")
 

@@ -20,6 +20,7 @@ from fame.dataclasses import dataclass
 from fame.errors import ConfigError, FameError
 from fame.middleware.interface import Middleware, Node, Publisher
 from fame.monitor.arrays import Floats
+from fame.monitor.pipeline.blindness import Blindness
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.fields import Writer, writer
 from fame.monitor.pipeline.input_node import InputNode, ThrottledReport
@@ -100,8 +101,9 @@ def _finite_rows(arrays: Sequence[Any], stamps: Floats) -> Any:
 class ProcessingNode(InputNode):
     """The node. It lives until `close`; `report` gets a line for everything unusual.
 
-    `processors` stand in for those of the configuration, if given. Raises ConfigError and MessageError before anything
-    runs.
+    `processors` stand in for those of the configuration, if given; `on_blind` gets what keeps the node from judging
+    (`fame.monitor.pipeline.blindness`). A processor may say so by an attribute `blind`, a text. Raises ConfigError and
+    MessageError before anything runs.
     """
 
     processors: list[Any]
@@ -117,6 +119,7 @@ class ProcessingNode(InputNode):
         processors: Sequence[Any] | None = None,
         namespace: str = "",
         report: Callable[[str], object] = lambda text: None,
+        on_blind: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.processors = list(processors) if processors is not None else make_processors(configuration)
         self._assigned = assign(self.processors, configuration)
@@ -131,11 +134,13 @@ class ProcessingNode(InputNode):
         try:
             self._publications = Publications(self.node, configuration.outputs, self.report)
             self._parameters = ParameterServer(self.node, self.processors, self.report)
+            self._blindness = Blindness(middleware, self.node, self.configuration.name, on_blind)
         except BaseException:
             super().close()
             raise
         self._joiner = Joiner(configuration.join, self.report) if configuration.join is not None else None
         self.calls = self.missed = 0
+        self._raised, self._doubts = "", dict[str, str]()
         self._period = round(SECOND / configuration.frequency)
         self._due = scheduler.now + self._period
         self._entries: list[Entry] = [
@@ -164,6 +169,10 @@ class ProcessingNode(InputNode):
     def _check_rates(self) -> None:
         self.check_rates()
         self._entries[1] = self.scheduler.after(SECOND, self._check_rates, Kind.TIMER)
+        said = [self._raised, *(str(getattr(each, "blind", "")) for each in self.processors)]
+        before, self._doubts = self._doubts, {_without_numbers(text): text for text in said if text}
+        lasting = {kind: text for kind, text in self._doubts.items() if kind in before}  # not of one window alone
+        self._blindness.look(self.unseen() | lasting, self.scheduler.now)
 
     def _on_processor_report(self, who: str, text: str) -> None:
         self.report(_without_numbers(f"{who} {text}"), f"{who}: {text}")
@@ -198,11 +207,12 @@ class ProcessingNode(InputNode):
                 current = {name: as_samples(value, stamp) for name, value in (result or {}).items()}
             except Exception as error:
                 reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-                text = f"{who} raised {' '.join(reason.split())}; nothing is sent"
+                text = self._raised = f"{who} raised {' '.join(reason.split())}; nothing is sent"
                 self.report(_without_numbers(text), text)
                 return
             if not current:
                 return
+        self._raised = ""
         try:
             self._publications.publish(self._by_output(current))
         except Exception as error:  # what a processor gives may be anything

@@ -44,7 +44,7 @@ export const needsSomebody = (wait) => wait.kind === "incident" || (wait.kind ==
 
 /**
  * A row for each robot: {r, name, state, doing, progress, since, battery, open: tokens that need somebody, missed,
- * failed: how many of its instances did}.
+ * failed: how many of its instances did, blind: why its monitor cannot judge}.
  */
 export function roster(app, state, time) {
   const rows = app.mission.robots.map(({ name }, r) => ({
@@ -75,6 +75,7 @@ function describe(app, state, time, row, lost) {
   else if (row.tokens.length) row.state = "running";
   // one that failed stays, whatever completed after it
   else row.state = failed ? "failed" : last in STATE_WORDS ? last : "completed";
+  row.blind = blindness(app, state, row);
   row.start = row.tokens.length || lost !== undefined ? "" : startOf(app, row.r);
   if (row.state === "idle" && row.start) row.state = "ready";
   row.by = suspended?.by ?? "";
@@ -84,6 +85,13 @@ function describe(app, state, time, row, lost) {
     (last, { missed, e }) => (missed && (!last || missed.time > last.time) ? { ...missed, e } : last),
     null,
   );
+}
+
+/** Why a monitor that a robot runs cannot judge; empty if it can. */
+export function blindness(app, state, { r, tokens }) {
+  const tasks = tokens.filter((token) => /service/i.test(app.mission.elements[token.e]?.tag));
+  const told = tasks.map((token) => state.valueOf(r, token.s, "monitor_blind"));
+  return told.find((text) => typeof text === "string" && text) ?? "";
 }
 
 /** Add to a row what its robot does, and the tokens that need somebody. `idle`: since when it does nothing. */

@@ -136,10 +136,14 @@ export class Team {
     const word = row.state === "ready" ? row.start : STATE_WORDS[row.state];
     const lost = missed ? `${ago(time - missed.time)} ago` : "";
     const hand = app.acts.can("take_over") && HELD.has(row.state) && app.steer.held?.r !== row.r;
+    const unseen = row.blind && `monitor blind: ${row.blind}`;
     const sign = () => h("span", { cls: "glyph" }, icon(SIGNS[row.state]));
     return [
       [`${row.name} ${row.element} ${isDark()}`, () => this.who(row)],
-      [word + by + row.failed, () => [sign(), h("span", null, word), small(by), small(row.failed)]],
+      [
+        word + by + row.failed + row.blind,
+        () => [sign(), h("span", null, word), ...[by, row.failed, unseen].map(small)],
+      ],
       [
         `${row.doing} ${row.more} ${row.progress}`,
         () => [row.doing, small(row.more ? `and ${row.more} more` : ""), small(row.progress)],
