@@ -17,7 +17,7 @@ from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.typesystem import STRING
-from fame.monitor.data_files import LabelledRun, Special, _read_parquet, read_labelled_runs
+from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.judge import judge_trained
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.configuration import load
@@ -29,6 +29,7 @@ from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.tables import read_parquet
 from fame.robot.robot_state import RobotState
 
 RATE, RUNS = 50.0, 12
@@ -258,4 +259,4 @@ def test_after_a_broken_batch_the_element_is_unknown():
 def test_a_missing_element_in_parquet_is_not_known(tmp_path: Path):
     frame = pytest.importorskip("pandas").DataFrame({"stamp": [0.0, 1.0], "v": [1.0, 2.0], "element": ["work", None]})
     frame.to_parquet(tmp_path / "run.parquet")
-    assert _read_parquet(tmp_path / "run.parquet", Special()).elements == ("work", "")
+    assert read_parquet(tmp_path / "run.parquet", element="element").elements == ("work", "")
