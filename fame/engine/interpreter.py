@@ -40,6 +40,7 @@ class Engine(EngineState):
     moves          bound of the moves within one stimulus
     """
 
+    starts_no_more: bool
     limit: int
     portion: int
     suspensions: int

@@ -172,7 +172,7 @@ class Sending:
     ) -> None:
         self.definitions, self.scheduler, self.middleware = definitions, scheduler, middleware
         self._sender = Sender(f"deploy-{os.getpid()}", scheduler, middleware, options or DeploymentOptions())
-        self.over = False
+        self.over: bool = False
 
     def deploy(
         self,

@@ -80,6 +80,7 @@ class StandInHost(ExplorationHost):
     twins    shared by all robots, see `_HeldEngine`
     """
 
+    engine: _HeldEngine
     node: RobotNode
     twins: dict[int, tuple[AnyMessage, Any]]
 
