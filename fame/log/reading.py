@@ -101,17 +101,17 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
             raise ConfigError(f"unknown robot {robot!r}; {suggestion(robot, there)}", file=str(path))
     chosen = {key: instance for key, instance in instances.items() if not robots or key[0] in robots}
     _check_same_model(chosen.values(), definitions, str(path))
-    found: defaultdict[str, Counter[ElementOutcome]] = defaultdict(Counter)
+    tallies: defaultdict[str, Counter[ElementOutcome]] = defaultdict(Counter)
     for instance in chosen.values():
         for element, counts in instance.counts.items():
-            found[element] += tally(counts, over=instance.ended)
+            tallies[element] += tally(counts, over=instance.ended)
     violations = [one for one in violations if not robots or one[1] in robots]
     for _, _, element, _ in violations:
         if element:
-            found[element]["violated"] += 1
+            tallies[element]["violated"] += 1
     failed = [(key[0], instance.failure) for key, instance in chosen.items() if instance.failure is not None]
     return RunOutcomes(
-        tallies={element: counts for element, counts in found.items() if counts},
+        tallies={element: counts for element, counts in tallies.items() if counts},
         robots=[robot for robot in there if not robots or robot in robots],
         start=seconds[0] if seconds else 0.0,
         end=seconds[-1] if seconds else 0.0,

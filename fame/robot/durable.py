@@ -10,8 +10,8 @@ effects are delivered at least once, each under an id that stays the same. What 
 no effect: it leaves at once.
 
 The requests (goals, service calls) of a task are numbered. A task that was waiting starts again on resumption; its
-request of the same number takes up the goal of before, if the server still knows it, and otherwise does what the task's
-property ``retry`` says. The goal of a task that is cancelled before it comes to that is cancelled.
+request of the same number takes up the goal from before, if the server still knows it, and otherwise does what the
+task's property ``retry`` says. If the task is cancelled before it comes to that, so is the goal.
 """
 
 from __future__ import annotations
@@ -87,11 +87,11 @@ class DurableRecorder:
         self._leaving: dict[str, list[_Effect]] = {}  # by batch: the effects of one stimulus
         self._recorded: dict[str, list[Any]] = {}
         self._next = 1
-        self._requests: dict[Wait, list[str]] = {}
-        self._made: dict[Wait, int] = {}
+        self._requests: dict[Wait, list[str]] = {}  # the ids of the requests of a task, in order
+        self._made: dict[Wait, int] = {}  # how many of them it has made since it began, or since the resumption
         self._goals: dict[Wait, list[str]] = {}  # the last of each task: hex id, action, type
-        self._left: set[Wait] = set()  # tasks that have not taken up their goal of before
-        self._given_up: TableRows = {}  # goals of before that were cancelled
+        self._not_taken_up: set[Wait] = set()  # tasks whose goal is from before the resumption
+        self._given_up: TableRows = {}  # goals that were cancelled before the resumption
         over = [instance for instance in node.instances if instance.status != "running"][-_ENDED:]
         program = node.engine.program
         self._ended: dict[str, Any] = {str(each.key): instance_data(each, program) for each in over}
@@ -320,8 +320,8 @@ class DurableRecorder:
         number = self._made.get(wait, 0)
         self._made[wait] = number + 1
         known = self._requests.setdefault(wait, [])
-        if number >= len(known) - 1:
-            self._left.discard(wait)
+        if number >= len(known) - 1:  # its last request from before, or a new one: no goal is left behind
+            self._not_taken_up.discard(wait)
         if number >= len(known):
             self._ask(wait, number, request, begin)
         elif (goal := self._goal(known[number])).hex() in self._given_up:
@@ -356,13 +356,13 @@ class DurableRecorder:
             self._forget_requests(wait)
 
     def _forget_requests(self, wait: Wait) -> None:
-        """Forget those of a task, and cancel its goal of before unless it has taken that up."""
+        """Forget those of a task, and cancel its goal from before the resumption unless it has taken that up."""
         for table in (self._requests, self._made):
             table.pop(wait, None)
         goal, runner = self._goals.pop(wait, None), self.node.runner
-        if goal is not None and wait in self._left:
+        if goal is not None and wait in self._not_taken_up:
             runner.cancelled.take_up({goal[0]: (*goal[1:], False)}, runner.inbox.action)
-        self._left.discard(wait)
+        self._not_taken_up.discard(wait)
 
     def _goal(self, id: str) -> bytes:
         """The id of a goal: the same after every resumption."""
@@ -419,7 +419,7 @@ class DurableRecorder:
             waits[int(key)]: made for key, made in tables.get("requests", {}).items() if int(key) in waits
         }
         self._goals = {waits[int(key)]: goal for key, goal in tables.get("goals", {}).items() if int(key) in waits}
-        self._left, self._given_up = set(self._goals), tables.get("cancelled", {})
+        self._not_taken_up, self._given_up = set(self._goals), tables.get("cancelled", {})
         self._ended = dict(tables.get("ended", {}))
         self._recorded = dict(tables.get("effects", {}))
         self._leaving = {batch: list(self._again(found)) for batch, found in self._recorded.items()}

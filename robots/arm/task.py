@@ -112,22 +112,22 @@ def _project(points: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 def _in_order(distances: Floats) -> Whole:
-    """The side of each point, in order: the split that minimises the sum of distances."""
+    """The side of each point, in order: the split that minimises the sum of distances, by dynamic programming."""
     count, sides = distances.shape
     total: Floats = np.vstack([np.zeros(sides), np.cumsum(distances, axis=0)])
-    best, came = total[:, 0], []
+    best, begins = total[:, 0], []  # by end: the least sum up to there on the sides so far, and where each side begins
     for side in range(1, sides):
         gain = best - total[:, side]
         begin = np.array([int(np.argmin(gain[: index + 1])) for index in range(count + 1)])
-        came.append(begin)
+        begins.append(begin)
         best = total[:, side] + gain[begin]
-    result = np.zeros(count, dtype=np.int64)
+    sides_of = np.zeros(count, dtype=np.int64)
     end = count
-    for side in range(sides - 1, 0, -1):
-        start = int(came[side - 1][end])
-        result[start:end] = side
+    for side in range(sides - 1, 0, -1):  # back from the last point
+        start = int(begins[side - 1][end])
+        sides_of[start:end] = side
         end = start
-    return result
+    return sides_of
 
 
 FEED = 0.087

@@ -19,7 +19,7 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.reader.context import Context, boolean_attribute, whole_number
 from fame.bpmn.reader.dialects import read_extensions
-from fame.bpmn.reader.dialects.extensions import take_topic_properties
+from fame.bpmn.reader.dialects.extensions import Property, take_topic_properties
 from fame.bpmn.reader.dialects.forms import form_js
 from fame.bpmn.reader.events import TopicSource, message_keys, note_keys, read_topic
 from fame.bpmn.reader.expressions import code_of, condition_of, mapping_source, variable_name, variable_or_expression
@@ -51,10 +51,10 @@ def read_activity(node: NodeReader) -> dict[str, Any]:
 
 
 def read_task(node: NodeReader, kind: TaskKind) -> Task:
-    found = node.extensions
-    if kind == "business_rule" and not found.operation and not found.script:
-        found.refused = found.refused or _NO_RULES
-    topic, operation = None, found.operation
+    extensions = node.extensions
+    if kind == "business_rule" and not extensions.operation and not extensions.script:
+        extensions.refused = extensions.refused or _NO_RULES
+    topic, operation = None, extensions.operation
     keys: tuple[tuple[str, Expression], ...] = ()
     if kind == "send" or kind == "receive":
         topic, keys = _message(node, kind)
@@ -63,11 +63,11 @@ def read_task(node: NodeReader, kind: TaskKind) -> Task:
         operation = (topic.name if topic is not None else "") or operation or _operation(node)
     return Task(
         kind=kind,
-        script=_script(node) or found.script,
+        script=_script(node) or extensions.script,
         topic=topic,
         operation=operation,
         keys=keys,
-        result_variable=found.result,
+        result_variable=extensions.result,
         instantiate=node.flag("instantiate"),
         human=_human(node) if kind in ("user", "manual") else NOBODY,
         **read_activity(node),
@@ -76,8 +76,8 @@ def read_task(node: NodeReader, kind: TaskKind) -> Task:
 
 def _human(node: NodeReader) -> Human:
     """Who may complete a task, and its form: its own, or one in the file that it is linked to."""
-    found = node.extensions
-    form, linked = found.form, found.linked.removeprefix("camunda-forms:bpmn:")
+    extensions = node.extensions
+    form, linked = extensions.form, extensions.linked.removeprefix("camunda-forms:bpmn:")
     holder = node.context.find_in_file(node.element, linked) if linked and not form else None
     if holder is not None and local_name(holder) == "userTaskForm":
         linked = ""
@@ -85,7 +85,9 @@ def _human(node: NodeReader) -> Human:
             form = form_js(text_of(holder))
         except ValueError as error:
             node.context.note(holder, f"the form cannot be read: {error}", "warning")
-    return Human(users=tuple(found.users), groups=tuple(found.groups), form=form, linked=linked if not form else "")
+    return Human(
+        users=tuple(extensions.users), groups=tuple(extensions.groups), form=form, linked=linked if not form else ""
+    )
 
 
 def _script(node: NodeReader) -> Expression | None:
@@ -116,13 +118,13 @@ def _service(node: NodeReader) -> Topic | None:
     service, action = node.extensions.take("service"), node.extensions.take("action")
     if service is not None and action is not None:
         node.fault("has both properties service and action: expected one of them")
-    collection_property = service or action
-    if collection_property is None and not node.extensions.service:
+    called = service or action
+    if called is None and not node.extensions.service:
         return None
     topic_properties = take_topic_properties(
         node.context, node.element, node.extensions, "srv" if action is None else "action"
     )
-    name = collection_property.value.strip() if collection_property is not None else node.extensions.operation
+    name = called.value.strip() if called is not None else node.extensions.operation
     return Topic(
         name=name,
         type=topic_properties.type,
@@ -188,14 +190,10 @@ def _multi_instance(node: NodeReader, loop: Node) -> MultiInstance:
         name = _referenced_variable(context, loop, text_of(reference)) if reference is not None else ""
         collection = variable_or_expression(context, loop, name) if name else None
     output = child(loop, "loopDataOutputRef")
-    output_collection = (
-        collection_property.value if collection_property is not None else extensions.output_collection
-    ).strip()
+    output_collection = _text(collection_property, extensions.output_collection)
     if output is not None and not output_collection:
         output_collection = _referenced_variable(context, loop, text_of(output))
-    element = (
-        element_property.value if element_property is not None else extensions.output_element
-    ).strip() or _item_variable(loop, "outputDataItem")
+    element = _text(element_property, extensions.output_element) or _item_variable(loop, "outputDataItem")
     if loop.get("behavior", "All") != "All":
         text = f"behavior={loop.get('behavior')!r} has no effect: no event is thrown per instance"
         context.note(loop, text, "warning")
@@ -209,6 +207,10 @@ def _multi_instance(node: NodeReader, loop: Node) -> MultiInstance:
         output_element=variable_or_expression(context, loop, element) if element else None,
         line=line_of(loop),
     )
+
+
+def _text(given: Property | None, otherwise: str) -> str:
+    return (given.value if given is not None else otherwise).strip()
 
 
 def _item_variable(loop: Node, name: str) -> str:
@@ -234,8 +236,8 @@ def _referenced_variable(context: Context, loop: Node, reference: str) -> str:
         if reference in ends and len(ends) == 2:
             reference = ends[1 - ends.index(reference)]
             break
-    one = context.find_in_file(loop, reference)
-    if one is None:
+    data = context.find_in_file(loop, reference)
+    if data is None:
         return reference
-    names = [inner.get("name", "") for inner in one.iter() if inner.tag.endswith(("}property", "}parameter"))]
-    return names[0] if len(names) == 1 else variable_name(one)
+    names = [inner.get("name", "") for inner in data.iter() if inner.tag.endswith(("}property", "}parameter"))]
+    return names[0] if len(names) == 1 else variable_name(data)
