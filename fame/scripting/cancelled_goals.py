@@ -86,30 +86,30 @@ class CancelledGoals:
 
     def close(self) -> None:
         """Follow them no longer."""
-        for one in self._goals.values():
-            one.late.cancel()
+        for goal in self._goals.values():
+            goal.late.cancel()
         self._goals.clear()
 
     def _add(self, client: ActionClient, goal: Goal, *, told: bool) -> None:
-        one = _Cancelled(client, goal, told=told)
-        one.late = self._scheduler.after(round(BOUND * SECOND), partial(self._tell, one), Kind.TIMER)
-        self._goals[goal.id], client.on_cancelled = one, self._on_change
+        cancelled = _Cancelled(client, goal, told=told)
+        cancelled.late = self._scheduler.after(round(BOUND * SECOND), partial(self._tell, cancelled), Kind.TIMER)
+        self._goals[goal.id], client.on_cancelled = cancelled, self._on_change
 
     def _on_change(self, goal: Goal) -> None:
         """A server refuses to cancel a goal, or it has ended."""
-        if (one := self._goals.get(goal.id)) is None:
+        if (cancelled := self._goals.get(goal.id)) is None:
             return
-        if one.client.cancelled.get(goal.id) is goal:
-            self._tell(one)
+        if cancelled.client.cancelled.get(goal.id) is goal:
+            self._tell(cancelled)
             return
         del self._goals[goal.id]
-        one.late.cancel()
-        if one.told:
-            self._report(f"{one.client.name}: the cancelled goal has ended")
+        cancelled.late.cancel()
+        if cancelled.told:
+            self._report(f"{cancelled.client.name}: the cancelled goal has ended")
 
-    def _tell(self, one: _Cancelled) -> None:
-        one.late.cancel()
-        if not one.told:
-            one.told = True
-            self._report(one.text)
-            self.on_still_running(one.client.name)
+    def _tell(self, goal: _Cancelled) -> None:
+        goal.late.cancel()
+        if not goal.told:
+            goal.told = True
+            self._report(goal.text)
+            self.on_still_running(goal.client.name)

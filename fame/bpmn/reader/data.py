@@ -35,14 +35,14 @@ def shared_stores(context: Context, process: Node) -> Iterator[Node]:
 
     Robots share no memory, so each process gets its own copy.
     """
-    found: set[Node] = set()
+    known: set[Node] = set()
     for association in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _ENDS)):
         for reference in children(association, _ENDS[local_name(association)]):
             store = context.find_in_file(process, text_of(reference))
-            if store is None or store in found or local_name(store) not in ("dataStoreReference", "dataStore"):
+            if store is None or store in known or local_name(store) not in ("dataStoreReference", "dataStore"):
                 continue
             if process not in store.iterancestors():
-                found.add(store)
+                known.add(store)
                 yield store
 
 
@@ -57,14 +57,14 @@ def data_ids(data: Iterable[Node]) -> dict[str, str]:
     A data object stands for its first reference. Inputs, outputs and properties of activities and events stand for none
     (empty).
     """
-    found: dict[str, str] = {}
+    ids: dict[str, str] = {}
     data_object: dict[str, str] = {}
-    for one in data:
-        id = one.get("id", "")
-        found[id] = id if _belongs_to_scope(one) else ""
-        if local_name(one) == "dataObjectReference":
-            data_object.setdefault(one.get("dataObjectRef", ""), id)
-    return {id: data_object.get(id, object_id) for id, object_id in found.items()}
+    for element in data:
+        id = element.get("id", "")
+        ids[id] = id if _belongs_to_scope(element) else ""
+        if local_name(element) == "dataObjectReference":
+            data_object.setdefault(element.get("dataObjectRef", ""), id)
+    return {id: data_object.get(id, object_id) for id, object_id in ids.items()}
 
 
 def data_variables(data: Iterable[Node]) -> dict[str, str]:
@@ -72,43 +72,44 @@ def data_variables(data: Iterable[Node]) -> dict[str, str]:
 
     Includes the data inputs and outputs of activities and events.
     """
-    found: dict[str, str] = {}
-    for one in data:
-        names = [inner.get("name", "") for inner in one.iter() if inner.tag.endswith(("}property", "}parameter"))
-                 and inner is not one]  # fmt: skip
-        name = names[0] if len(names) == 1 else _own_variable(one) if not names else ""
+    variables: dict[str, str] = {}
+    for element in data:
+        names = [inner.get("name", "") for inner in element.iter() if inner.tag.endswith(("}property", "}parameter"))
+                 and inner is not element]  # fmt: skip
+        name = names[0] if len(names) == 1 else _own_variable(element) if not names else ""
         if is_name(name) and name != _PLACEHOLDER:
-            found[one.get("id", "")] = name
-    return found
+            variables[element.get("id", "")] = name
+    return variables
 
 
-def _own_variable(one: Node) -> str:
+def _own_variable(element: Node) -> str:
     """The variable of a data element without properties, or empty."""
-    kind = _KINDS[local_name(one)]
-    return one.get("name", "") if kind in ("object", "store") else variable_name(one) if one.get("name") else ""
+    kind = _KINDS[local_name(element)]
+    name = element.get("name", "")
+    return name if kind in ("object", "store") or not name else variable_name(element)
 
 
-def _belongs_to_scope(one: Node) -> bool:
-    holder = one.getparent()
+def _belongs_to_scope(element: Node) -> bool:
+    holder = element.getparent()
     if holder is not None and local_name(holder) == "ioSpecification":
         holder = holder.getparent()
-    return one.get("name") != _PLACEHOLDER and holder is not None and local_name(holder) in _SCOPES
+    return element.get("name") != _PLACEHOLDER and holder is not None and local_name(holder) in _SCOPES
 
 
 def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
     objects = {one.get("id"): one for one in parts.get("dataObject", ())}
     referred = {one.get("dataObjectRef") for one in parts.get("dataObjectReference", ())}
-    found = [_data_object(context, one, objects) for one in parts.get("dataObjectReference", ())]
-    found += [_data_object(context, one, {}) for id, one in objects.items() if id not in referred]
-    for one in objects.values():
-        if one.get("id") in referred:
-            context.register(one)
-    found += [_data_object(context, one, {}) for one in parts.get("dataStoreReference", ())]
+    data = [_data_object(context, one, objects) for one in parts.get("dataObjectReference", ())]
+    data += [_data_object(context, one, {}) for id, one in objects.items() if id not in referred]
+    for element in objects.values():
+        if element.get("id") in referred:
+            context.register(element)
+    data += [_data_object(context, one, {}) for one in parts.get("dataStoreReference", ())]
     rest = list(parts.get("property", ()))
     for specification in parts.get("ioSpecification", ()):
         rest += [*children(specification, "dataInput"), *children(specification, "dataOutput")]
-    found += [_data_object(context, one, {}) for one in rest if one.get("name") != _PLACEHOLDER]
-    return tuple(found)
+    data += [_data_object(context, one, {}) for one in rest if one.get("name") != _PLACEHOLDER]
+    return tuple(data)
 
 
 def _data_object(context: Context, element: Node, objects: Mapping[str | None, Node]) -> DataObject:
@@ -172,14 +173,14 @@ def read_data_associations(
 
 def required_outputs(parts: Parts) -> tuple[str, ...]:
     """Return the names of the data outputs that are required in every output set of an activity."""
-    found: list[str] = []
+    required: list[str] = []
     for specification in parts.get("ioSpecification", ()):
         sets = [_references(one, "dataOutputRefs") - _references(one, "optionalOutputRefs")
                 for one in children(specification, "outputSet")]  # fmt: skip
         wanted = set.intersection(*sets) if sets else set()
         names = [one.get("name", "") for one in children(specification, "dataOutput") if one.get("id") in wanted]
-        found += [name for name in names if is_name(name) and name != _PLACEHOLDER]
-    return tuple(found)
+        required += [name for name in names if is_name(name) and name != _PLACEHOLDER]
+    return tuple(required)
 
 
 def _references(element: Node, tag: str) -> set[str]:

@@ -84,25 +84,25 @@ class _Compiler:
         return steps if plain else [("mark", number), *steps, ("mark", number + 1)]
 
     def _atom(self) -> list[_Step]:
-        found = _ATOM.match(self._pattern, self._place)
-        if found is None or re.fullmatch(r"\\[1-9]", found[0]):
+        match = _ATOM.match(self._pattern, self._place)
+        if match is None or re.fullmatch(r"\\[1-9]", match[0]):
             raise ValueError(f"{self._pattern!r} is not a supported regular expression")
-        self._place = found.end()
-        text = "\\{" if found[0] == "{" else found[0]
+        self._place = match.end()
+        text = "\\{" if match[0] == "{" else match[0]
         return [("at" if text in _ANCHORS else "letter", re.compile(text, self._flags).match)]
 
     def _repeated(self, steps: list[_Step]) -> list[_Step]:
-        found = _REPEAT.match(self._pattern, self._place)
-        if found is None:
+        match = _REPEAT.match(self._pattern, self._place)
+        if match is None:
             return steps
-        self._place = found.end()
-        least, most = {"*": (0, None), "+": (1, None), "?": (0, 1)}.get(found[1] or "", (0, 0))
-        if not found[1]:
-            least = int(found[2])
-            most = least if not found[3] else int(found[4]) if found[4] else None
+        self._place = match.end()
+        least, most = {"*": (0, None), "+": (1, None), "?": (0, 1)}.get(match[1] or "", (0, 0))
+        if not match[1]:
+            least = int(match[2])
+            most = least if not match[3] else int(match[4]) if match[4] else None
         if (least + (most or 1)) * len(steps) > _STEPS:
             raise ValueError(f"{self._pattern!r} repeats too often")
-        return _repeat(steps, least, most, lazy=bool(found[5]))
+        return _repeat(steps, least, most, lazy=bool(match[5]))
 
 
 def _repeat(steps: list[_Step], least: int, most: int | None, *, lazy: bool) -> list[_Step]:
@@ -133,20 +133,20 @@ def matches(text: str, pattern: str, flags: str = "") -> Iterator[Groups]:
     """Yield all matches from left to right, none inside another. Raises ValueError for an invalid pattern."""
     program, start = _compiled(pattern, flags), 0
     while start <= len(text):
-        found = _search(program, text, start)
-        if found is None:
+        span = _search(program, text, start)
+        if span is None:
             return
-        yield found
-        start = found[1] + (found[0] == found[1])
+        yield span
+        start = span[1] + (span[0] == span[1])
 
 
 def _search(program: tuple[_Step, ...], text: str, start: int) -> Groups | None:
     """The first match from `start` on. What came to nothing once does so again, wherever the search began."""
     tried: set[int] = set()
     for place in range(start, len(text) + 1):
-        found = _match(program, text, place, tried)
-        if found is not None:
-            return found
+        span = _match(program, text, place, tried)
+        if span is not None:
+            return span
     return None
 
 

@@ -83,16 +83,16 @@ def parsed(text: str) -> Moment | Duration:
         return -1 * parse_duration(text[1:])
     if text.startswith("P"):
         return parse_duration(text)
-    found = _MOMENT.fullmatch(text)
-    if found is None or not text:
+    match = _MOMENT.fullmatch(text)
+    if match is None or not text:
         raise ValueError(f"{text!r} is neither a date nor a time nor a duration")
-    kind = " and ".join(kind for kind in ("date", "time") if found[kind])
-    day, clock = found["date"] or "1970-01-01", found["time"] or "00:00"
-    name = found["named"] or found["bracketed"]
-    zone, shown = zone_of(name or found["offset"] or "")
+    kind = " and ".join(kind for kind in ("date", "time") if match[kind])
+    day, clock = match["date"] or "1970-01-01", match["time"] or "00:00"
+    name = match["named"] or match["bracketed"]
+    zone, shown = zone_of(name or match["offset"] or "")
     at = datetime.combine(date.fromisoformat(day), time.fromisoformat(clock), zone)
-    if name and found["offset"] and "0002" <= (found["date"] or "") < "9999":  # which of two times in autumn it is
-        at = at.replace(tzinfo=zone_of(found["offset"])[0]).astimezone(zone)
+    if name and match["offset"] and "0002" <= (match["date"] or "") < "9999":  # which of two times in autumn it is
+        at = at.replace(tzinfo=zone_of(match["offset"])[0]).astimezone(zone)
     return Moment(kind, at, shown)
 
 
@@ -109,10 +109,10 @@ def zone_of(text: str) -> tuple[tzinfo, str]:
 
 def moment(value: Any, *kinds: str) -> Moment:
     """Return a value as a moment of one of these kinds. Raises ValueError."""
-    found = parsed(value) if isinstance(value, str) else None
-    if not isinstance(found, Moment) or found.kind not in kinds:
+    read = parsed(value) if isinstance(value, str) else None
+    if not isinstance(read, Moment) or read.kind not in kinds:
         raise ValueError(f"{value!r} is no {' or '.join(kinds)}")
-    return found
+    return read
 
 
 def temporal(value: Moment | Duration) -> Temporal:
@@ -129,10 +129,10 @@ def kind_of(value: Any) -> str:
     """Return the name of a value's type in FEEL; empty for any other value."""
     if value.__class__ is not Temporal:
         return ""
-    found = parsed(value)
-    if isinstance(found, Moment):
-        return found.kind
-    months = found.months or (not found.rest and _ONLY_MONTHS.fullmatch(value))
+    read = parsed(value)
+    if isinstance(read, Moment):
+        return read.kind
+    months = read.months or (not read.rest and _ONLY_MONTHS.fullmatch(value))
     return "years and months duration" if months else "days and time duration"
 
 
@@ -208,13 +208,13 @@ def _moved(start: Moment, length: Duration) -> Moment:
 
 def property_of(value: Temporal, name: str) -> Any:
     """``value.year`` and the like (Camunda's table of temporal properties); null for what it does not have."""
-    kind, found = kind_of(value), parsed(value)
+    kind, read = kind_of(value), parsed(value)
     get = _PROPERTIES.get(kind, {}).get(name)
     if get is None:
         return None
-    if isinstance(found, Duration) and (found.months or found.rest) < 0:
-        return -get(-1 * found)
-    return get(found)
+    if isinstance(read, Duration) and (read.months or read.rest) < 0:
+        return -get(-1 * read)
+    return get(read)
 
 
 def _offset(moment: Moment) -> Temporal | None:
@@ -293,8 +293,8 @@ def identity(value: Any) -> Any:
         return value
     spend(1)
     if value.__class__ is Temporal:
-        found = parsed(value)
-        return found if isinstance(found, Duration) else (found.kind, bool(found.zone), found.instant)
+        read = parsed(value)
+        return read if isinstance(read, Duration) else (read.kind, bool(read.zone), read.instant)
     if isinstance(value, bool):
         return ("boolean", value)
     if isinstance(value, Mapping):

@@ -40,22 +40,22 @@ _EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
 
 def read_extensions(context: Context, element: Node) -> Extensions:
     """Return the extensions of a BPMN element: those of its attributes and extension elements."""
-    found = Extensions()
+    extensions = Extensions()
     for key in attributes(element):
         if key[0] == "{":
             namespace, _, name = key[1:].partition("}")
             read_attribute = ATTRIBUTE_ADAPTERS.get(namespace)
             if read_attribute is not None:
-                read_attribute(context, element, name, element.get(key, ""), found)
+                read_attribute(context, element, name, element.get(key, ""), extensions)
     for holder in element.iterchildren(_EXTENSION_ELEMENTS):
         for extension in holder:
             namespace = extension.tag[1:].partition("}")[0]
             read_element = ELEMENT_ADAPTERS.get(namespace)
             if read_element is not None:
-                read_element(context, extension, found)
+                read_element(context, extension, extensions)
             elif not _DECORATION.search(extension.tag):
                 _note_foreign(context, element, namespace)
-    return found
+    return extensions
 
 
 _DECORATION = re.compile(
@@ -95,10 +95,10 @@ _DIALECT_NAMES: Mapping[str, str] = {
 def dialects_of(root: Node) -> tuple[str, ...]:
     """Return the names of the dialects that a file uses, for messages."""
     seen = set[str]()
-    for one in root.iter("*"):
-        seen.add(one.tag[1:].partition("}")[0])
-        seen.update(key[1:].partition("}")[0] for key in attributes(one) if key[0] == "{")
-        if original_fame.is_message_list(one):
+    for element in root.iter("*"):
+        seen.add(element.tag[1:].partition("}")[0])
+        seen.update(key[1:].partition("}")[0] for key in attributes(element) if key[0] == "{")
+        if original_fame.is_message_list(element):
             seen.add(original_fame.LIST)
     return tuple(dict.fromkeys(text for form, text in _DIALECT_NAMES.items() if form in seen))
 

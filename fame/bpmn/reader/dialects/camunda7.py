@@ -44,13 +44,13 @@ REFUSED: Mapping[str, str] = {
 }
 
 
-def element(context: Context, node: Node, found: Extensions) -> None:
+def element(context: Context, node: Node, extensions: Extensions) -> None:
     name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:
-        read(context, node, found)
+        read(context, node, extensions)
     elif name in REFUSED:
-        found.refused = REFUSED[name].format("")
+        extensions.refused = REFUSED[name].format("")
     elif name in ("executionListener", "taskListener"):
         context.note(node, f"{_prefixed(node, name)} is not run: FAME has no listeners", "warning")
     elif name in IGNORED:
@@ -63,20 +63,20 @@ def _prefixed(node: Node, name: str) -> str:
     return f"{next((prefixes[uri] for uri in (CAMUNDA, FLOWABLE, ACTIVITI) if uri in prefixes), 'camunda')}:{name}"
 
 
-def attribute(context: Context, node: Node, name: str, value: str, found: Extensions) -> None:
+def attribute(context: Context, node: Node, name: str, value: str, extensions: Extensions) -> None:
     """Read an attribute of a BPMN element."""
     if name in REFUSED:
-        found.refused = REFUSED[name].format(value)
+        extensions.refused = REFUSED[name].format(value)
     elif name == "type" and value.strip() not in ("", "external", "external-worker"):
-        found.refused = _VENDOR_TASK.format(value)
+        extensions.refused = _VENDOR_TASK.format(value)
     elif name in _ATTRIBUTES:
-        setattr(found, _ATTRIBUTES[name], value.strip())
+        setattr(extensions, _ATTRIBUTES[name], value.strip())
     elif name in PEOPLE:
-        add_people(context, node, found, name, value)
+        add_people(context, node, extensions, name, value)
     elif name == "expression":
-        found.script = code_expression(context, node, value.strip(), None, line_of(node))
+        extensions.script = code_expression(context, node, value.strip(), None, line_of(node))
     elif name == "dueDate" and value.strip().startswith("P"):  # a duration; a date is for those who plan
-        found.properties.setdefault("deadline", Property(value.strip(), line_of(node)))
+        extensions.properties.setdefault("deadline", Property(value.strip(), line_of(node)))
     elif name in IGNORED:
         context.note(node, f"{_prefixed(node, name)} has no effect")
 
@@ -84,16 +84,17 @@ def attribute(context: Context, node: Node, name: str, value: str, found: Extens
 PEOPLE = ("assignee", "candidateUsers", "candidateGroups")
 
 
-def add_people(context: Context, node: Node, found: Extensions, name: str, value: str) -> None:
+def add_people(context: Context, node: Node, extensions: Extensions, name: str, value: str) -> None:
     """Add those who may complete a task: names with commas. An expression is not evaluated."""
     if value.strip().startswith(("=", "$", "#")):
         context.note(node, f"{name}={value!r} has no effect: expected names, not an expression", "warning")
         return
-    (found.groups if name == "candidateGroups" else found.users).extend(filter(None, map(str.strip, value.split(","))))
+    people = extensions.groups if name == "candidateGroups" else extensions.users
+    people.extend(filter(None, map(str.strip, value.split(","))))
 
 
-def _form_data(context: Context, node: Node, found: Extensions) -> None:
-    found.form = tuple(form_data(node))
+def _form_data(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.form = tuple(form_data(node))
 
 
 _ATTRIBUTES = {
@@ -109,35 +110,36 @@ _ATTRIBUTES = {
 }
 
 
-def _properties(context: Context, node: Node, found: Extensions) -> None:
-    for one in node:
-        name = one.get("name", "").strip()
+def _properties(context: Context, node: Node, extensions: Extensions) -> None:
+    for child in node:
+        name = child.get("name", "").strip()
         if name:
-            found.put(context, one, name, one.get("value", ""))
+            extensions.put(context, child, name, child.get("value", ""))
 
 
-def _input_output(context: Context, node: Node, found: Extensions) -> None:
-    for one in node:
-        if local_name(one) == "connector":
-            found.refused = REFUSED["connector"]
+def _input_output(context: Context, node: Node, extensions: Extensions) -> None:
+    for child in node:
+        if local_name(child) == "connector":
+            extensions.refused = REFUSED["connector"]
             continue
-        name = one.get("name", "").strip()
+        name = child.get("name", "").strip()
         if not name:
-            context.fault(one, f"a {_prefixed(one, local_name(one))} has no name: give the variable that it sets")
+            context.fault(child, f"a {_prefixed(child, local_name(child))} has no name: give the variable that it sets")
             continue
-        source = _parameter(context, one)
-        outwards = local_name(one) == "outputParameter"
+        source = _parameter(context, child)
+        outwards = local_name(child) == "outputParameter"
         if source is not None:
-            into = found.outputs if outwards else found.inputs
+            into = extensions.outputs if outwards else extensions.inputs
             if any(each.target == name for each in into):
-                context.note(one, f"sets {name!r} twice: only the last one counts", "warning")
+                context.note(child, f"sets {name!r} twice: only the last one counts", "warning")
             into.append(Assignment(name, source))
-        if not outwards and len(one) and local_name(one[0]) == "list":
-            found.lists[name] = [Property(text_of(value), line_of(value)) for value in one[0]]
-    inputs, written = {each.target for each in found.inputs}, set[str]()
-    for place, each in enumerate(found.outputs):  # the process has the earlier ones by then; an input hides its own
-        found.outputs[place] = replace(each, in_order=not written.isdisjoint(WORD.findall(each.source.text)))
-        written |= {each.target} - inputs
+        if not outwards and len(child) and local_name(child[0]) == "list":
+            extensions.lists[name] = [Property(text_of(value), line_of(value)) for value in child[0]]
+    inputs, written = {each.target for each in extensions.inputs}, set[str]()
+    for place, mapping in enumerate(extensions.outputs):
+        # The process has the earlier ones by then; an input hides its own.
+        extensions.outputs[place] = replace(mapping, in_order=not written.isdisjoint(WORD.findall(mapping.source.text)))
+        written |= {mapping.target} - inputs
 
 
 def _parameter(context: Context, node: Node) -> Expression | None:
@@ -156,23 +158,23 @@ def _parameter(context: Context, node: Node) -> Expression | None:
     return None
 
 
-def _in(context: Context, node: Node, found: Extensions) -> None:
+def _in(context: Context, node: Node, extensions: Extensions) -> None:
     if node.get("businessKey") is not None:
         context.note(node, "a business key has no effect")
         return
-    found.own_scope = True
+    extensions.own_scope = True
     if node.get("variables") == "all":
-        found.all_in = True
+        extensions.all_in = True
     else:
-        _copy(context, node, found.inputs)
+        _copy(context, node, extensions.inputs)
 
 
-def _out(context: Context, node: Node, found: Extensions) -> None:
-    found.own_scope = True
+def _out(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.own_scope = True
     if node.get("variables") == "all":
-        found.all_out = True
+        extensions.all_out = True
     else:
-        _copy(context, node, found.outputs)
+        _copy(context, node, extensions.outputs)
 
 
 def _copy(context: Context, node: Node, into: list[Assignment]) -> None:

@@ -21,39 +21,40 @@ IGNORED: Set[str] = {
 """Elements without effect in FAME; each gets a note."""
 
 
-def element(context: Context, node: Node, found: Extensions) -> None:
+def element(context: Context, node: Node, extensions: Extensions) -> None:
     name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:
-        read(context, node, found)
+        read(context, node, extensions)
     elif name in IGNORED:
         context.note(node, f"zeebe:{name} has no effect")
 
 
-def attribute(context: Context, node: Node, name: str, value: str, found: Extensions) -> None:
+def attribute(context: Context, node: Node, name: str, value: str, extensions: Extensions) -> None:
     """Ignore an attribute: those of Camunda 8 (``modelerTemplate`` ...) have no effect in FAME."""
 
 
-def _properties(context: Context, node: Node, found: Extensions) -> None:
-    for one in node:
-        if one.get("name", "").strip():
-            found.put(context, one, one.get("name", "").strip(), one.get("value", ""))
+def _properties(context: Context, node: Node, extensions: Extensions) -> None:
+    for child in node:
+        if child.get("name", "").strip():
+            extensions.put(context, child, child.get("name", "").strip(), child.get("value", ""))
 
 
-def _headers(context: Context, node: Node, found: Extensions) -> None:
-    for one in node:
-        if one.get("key", "").strip():
-            found.properties.setdefault(one.get("key", "").strip(), Property(one.get("value", ""), line_of(one)))
+def _headers(context: Context, node: Node, extensions: Extensions) -> None:
+    for child in node:
+        if child.get("key", "").strip():
+            text = Property(child.get("value", ""), line_of(child))
+            extensions.properties.setdefault(child.get("key", "").strip(), text)
 
 
-def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
-    for one in node:
-        source, target = one.get("source", ""), one.get("target", "").strip()
+def _io_mapping(context: Context, node: Node, extensions: Extensions) -> None:
+    for child in node:
+        source, target = child.get("source", ""), child.get("target", "").strip()
         if not target:
-            context.fault(one, f"a zeebe:{local_name(one)} has no target: give the variable that it sets")
+            context.fault(child, f"a zeebe:{local_name(child)} has no target: give the variable that it sets")
             continue
-        inwards, expression = local_name(one) == "input", mapping_source(source, line_of(one))
-        _assign(found.inputs if inwards else found.outputs, target, expression, inwards)
+        inwards, expression = local_name(child) == "input", mapping_source(source, line_of(child))
+        _assign(extensions.inputs if inwards else extensions.outputs, target, expression, inwards)
 
 
 def _assign(into: list[Assignment], target: str, source: Expression, inwards: bool) -> None:
@@ -71,59 +72,61 @@ def _assign(into: list[Assignment], target: str, source: Expression, inwards: bo
     into.append(Assignment(name, source, in_order))
 
 
-def _task(context: Context, node: Node, found: Extensions) -> None:
-    found.operation = node.get("type", "").strip()
-    if found.operation.startswith("io.camunda"):
-        found.refused = f"it runs the connector {found.operation}; name a registered operation"
+def _task(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.operation = node.get("type", "").strip()
+    if extensions.operation.startswith("io.camunda"):
+        extensions.refused = f"it runs the connector {extensions.operation}; name a registered operation"
 
 
-def _called(context: Context, node: Node, found: Extensions) -> None:
-    found.called, found.own_scope = node.get("processId", "").strip(), True
-    found.all_in = node.get("propagateAllParentVariables", "true") != "false"
-    found.all_out = node.get("propagateAllChildVariables", "true") != "false"
+def _called(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.called, extensions.own_scope = node.get("processId", "").strip(), True
+    extensions.all_in = node.get("propagateAllParentVariables", "true") != "false"
+    extensions.all_out = node.get("propagateAllChildVariables", "true") != "false"
 
 
-def _decision(context: Context, node: Node, found: Extensions) -> None:
-    found.refused = f"it asks the DMN decision {node.get('decisionId', '')}; decide with a gateway or a script task"
+def _decision(context: Context, node: Node, extensions: Extensions) -> None:
+    decision = node.get("decisionId", "")
+    extensions.refused = f"it asks the DMN decision {decision}; decide with a gateway or a script task"
 
 
-def _loop(context: Context, node: Node, found: Extensions) -> None:
-    found.collection, found.element_variable = node.get("inputCollection", ""), node.get("inputElement", "")
-    found.output_collection, found.output_element = node.get("outputCollection", ""), node.get("outputElement", "")
+def _loop(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.collection, extensions.element_variable = node.get("inputCollection", ""), node.get("inputElement", "")
+    extensions.output_collection = node.get("outputCollection", "")
+    extensions.output_element = node.get("outputElement", "")
 
 
-def _ad_hoc(context: Context, node: Node, found: Extensions) -> None:
-    found.active = node.get("activeElementsCollection", "")
+def _ad_hoc(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.active = node.get("activeElementsCollection", "")
     for name in ("outputCollection", "outputElement"):
         if node.get(name):
             context.note(node, f"{name} of zeebe:adHoc has no effect", "warning")
 
 
-def _script(context: Context, node: Node, found: Extensions) -> None:
-    found.script = Expression(node.get("expression", "").strip().removeprefix("=").strip(), "feel", line_of(node))
-    found.result = node.get("resultVariable", "").strip()
+def _script(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.script = Expression(node.get("expression", "").strip().removeprefix("=").strip(), "feel", line_of(node))
+    extensions.result = node.get("resultVariable", "").strip()
 
 
-def _subscription(context: Context, node: Node, found: Extensions) -> None:
+def _subscription(context: Context, node: Node, extensions: Extensions) -> None:
     key = node.get("correlationKey", "").strip()
     match = _KEY.fullmatch(key)
     if match is not None and (match[1] or match[2]) not in ("true", "false", "null"):
-        found.key = Expression(match[1] or match[2], "feel", line_of(node))
+        extensions.key = Expression(match[1] or match[2], "feel", line_of(node))
     elif key:
         right = "a variable of the process or a field of one, as =order_id; set a variable to what is computed"
-        found.refused = f"the correlationKey of its message is {key!r}: expected {right}"
+        extensions.refused = f"the correlationKey of its message is {key!r}: expected {right}"
 
 
-def _form(context: Context, node: Node, found: Extensions) -> None:
-    found.linked = (node.get("formKey") or node.get("formId") or node.get("externalReference") or "").strip()
+def _form(context: Context, node: Node, extensions: Extensions) -> None:
+    extensions.linked = (node.get("formKey") or node.get("formId") or node.get("externalReference") or "").strip()
 
 
-def _assignment(context: Context, node: Node, found: Extensions) -> None:
+def _assignment(context: Context, node: Node, extensions: Extensions) -> None:
     for name in PEOPLE:
-        add_people(context, node, found, name, node.get(name, ""))
+        add_people(context, node, extensions, name, node.get(name, ""))
 
 
-def _embedded_form(context: Context, node: Node, found: Extensions) -> None:
+def _embedded_form(context: Context, node: Node, extensions: Extensions) -> None:
     """Nothing: the task that is linked to a form reads it."""
 
 

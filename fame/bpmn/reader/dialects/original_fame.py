@@ -16,15 +16,15 @@ def is_message_list(node: Node) -> bool:
     return first is not None and is_message_type(text_of(first))
 
 
-def apply_message_list(context: Context, node: Node, found: Extensions) -> None:
+def apply_message_list(context: Context, node: Node, extensions: Extensions) -> None:
     """Read a parameter with such a list, named like the topic, as topic, type and payload of a signal event."""
-    for name, items in found.lists.items():
+    for name, items in extensions.lists.items():
         if items and len(items) <= 2 and is_message_type(items[0].value):
-            found.topic, found.type = name, items[0].value
+            extensions.topic, extensions.type = name, items[0].value
             if len(items) == 2:
-                found.payload = items[1]
+                extensions.payload = items[1]
             context.quirk(node, f"topic, type and payload are those of the input parameter {name!r}")
-            found.inputs = [one for one in found.inputs if one.target != name]
+            extensions.inputs = [one for one in extensions.inputs if one.target != name]
             return
 
 
@@ -34,28 +34,29 @@ NAMESPACES: tuple[str, ...] = (ROS, DATA, QOS, CALL)
 _POLICIES = {name.replace("_", "") for name in (*QOS_CHOICES, "depth", *QOS_DURATIONS)}
 
 
-def element(context: Context, node: Node, found: Extensions) -> None:
+def element(context: Context, node: Node, extensions: Extensions) -> None:
     """Read an extension element of the web modeler. Other attributes (``selection``, ``is_output``) are ignored."""
     name = local_name(node)
     if name == "message":
-        found.type = node.get("type", "")
+        extensions.type = node.get("type", "")
     elif name == "payload":
-        found.payload = _payload(context, node)
+        extensions.payload = _payload(context, node)
     elif name == "service":
-        found.operation, found.type, found.service = node.get("name", "").strip(), node.get("type", ""), True
+        extensions.operation, extensions.type = node.get("name", "").strip(), node.get("type", "")
+        extensions.service = True
     elif name == "policy":
         for key, value in node.attrib.items():
             if str(key).replace("_", "").lower() not in _POLICIES or not str(value).strip():
                 continue
             meant = qos_policy(context, node, str(key), str(value))
-            found.qos.update([meant] if meant is not None else ())
+            extensions.qos.update([meant] if meant is not None else ())
             if meant is not None and meant[1] != str(value):
                 context.quirk(node, f"quality of service {key!s}={value!s} is {' '.join(meant)}")
     elif name == "parameters":
         named = [(_name(context, one), one) for one in node]
-        found.values += [(name, Property(one.get("value", ""), line_of(one))) for name, one in named if name]
+        extensions.values += [(name, Property(one.get("value", ""), line_of(one))) for name, one in named if name]
     elif name == "process":
-        found.called = node.get("process", "").strip()
+        extensions.called = node.get("process", "").strip()
 
 
 def _name(context: Context, node: Node) -> str:
