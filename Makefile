@@ -143,11 +143,11 @@ lint: $(VENV)/dev.installed
 		else echo "the page: NOT RUN: eslint, tsc and prettier are not installed ('make lint-page' does so, with npm)"; fi
 
 lint-page: $(PAGE)/node_modules/installed
-	$(PAGE)/node_modules/.bin/eslint --config $(PAGE)/eslint.config.js fame/view/page tests/page
+	$(PAGE)/node_modules/.bin/eslint --config $(PAGE)/eslint.config.js fame/view/page fame/edit/page tests/page
 	$(PAGE)/node_modules/.bin/tsc --project $(PAGE)/tsconfig.json
 	$(PAGE)/node_modules/.bin/tsc --project $(PAGE)/tsconfig.typed.json
 	$(PAGE)/node_modules/.bin/prettier --log-level warn --config $(PAGE)/prettier.json --check \
-		'fame/view/page/*.js' 'tests/page/*' '$(PAGE)/*.js*'
+		'fame/*/page/*.js' 'tests/page/*' '$(PAGE)/*.js*'
 
 $(PAGE)/node_modules/installed: $(PAGE)/package-lock.json
 	npm ci --silent --no-audit --no-fund --prefix $(PAGE)

@@ -25,7 +25,7 @@ class Room(NamedTuple):
 
 ROOMS: Mapping[str, Room] = {
     "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
-    "edit": Room(("fame.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
+    "edit": Room(("fame.edit", "fame.cli.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
     "monitor": Room(("fame.monitor", "robots.arm", "fame.cli.monitor"), "models learned from data", "ml"),
     "explore": Room(
@@ -207,6 +207,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
     },
     "log": {"log": "fame.cli.logs:add"},
     "tools": {
+        "edit": "fame.cli.edit:add",
         "diff": "fame.cli.diff:add",
         "split": "fame.cli.models:add_split",
         "convert": "fame.cli.models:add_convert",

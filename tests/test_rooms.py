@@ -34,7 +34,7 @@ CORE = ("check m.bpmn", "run m.bpmn --log m.mcap", "split m.bpmn -o parts", f"dr
 """Command lines that need no room."""
 OF_ROOMS = {
     "dds": ("engine REX", "deploy m.bpmn", "status"),
-    "edit": ("diff m.bpmn m.bpmn",),
+    "edit": ("diff m.bpmn m.bpmn", "edit --fetch"),
     "explore": ("check --explore m.bpmn",),
     "feel": ("check el.bpmn", "run el.bpmn"),
     "javascript": ("run js.bpmn",),

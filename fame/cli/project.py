@@ -40,6 +40,7 @@ _POSITIONAL = {
     "run scenario": "scenarios",
     "campaign scenario": "scenarios",
     "check models": "scenarios",
+    "edit subject": "scenarios",
     "test paths": "tests",
     "library folders": "library",
 }
@@ -54,6 +55,7 @@ _NOT_TAKEN: Mapping[str, Callable[[Namespace], bool]] = {
     "judge properties": lambda given: True,  # its own first argument
     "view properties": lambda given: given.subject is not None,
     "view key": lambda given: not given.control,
+    "edit subject": lambda given: given.fetch or given.modeler is not None,
     "keys key": lambda given: given.action == "new",
     "engine trust": lambda given: given.insecure,
     "splitter trust": lambda given: given.insecure,

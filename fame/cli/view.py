@@ -110,8 +110,8 @@ def add(commands: Commands) -> None:
     add_library(parser)
 
 
-def add_page(parser: Parser) -> None:
-    """``--port``, ``--host``, ``--tls``, ``--no-open``, and who may use the page."""
+def add_address(parser: Parser) -> None:
+    """``--port``, ``--host``, ``--tls``, ``--no-open``."""
     parser.add_argument(
         "--port",
         type=whole("a port from 0 to 65535", 0, 65535),
@@ -126,6 +126,11 @@ def add_page(parser: Parser) -> None:
         "--tls", nargs=2, type=Path, metavar=("CERT", "KEY"), help="encrypt the page (https) with these PEM files"
     )
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
+
+
+def add_page(parser: Parser) -> None:
+    """Add where the page is, and who may use it."""
+    add_address(parser)
     parser.add_argument(
         "--as", action="append", default=[], type=_person, metavar="USER:ROLE",
         help="print one more address, where USER can only complete tasks for USER, ROLE or anybody; repeatable",
@@ -165,7 +170,7 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("--properties judges a running team; of a recording: fame log judge FILE.yaml RUN.mcap")
     if vars(arguments)["as"]:
         raise ConfigError("--as is for a running team (with --control) or a run: nobody completes tasks of a file")
-    with _source(path, arguments) as source, _serving(source, arguments), suppress(KeyboardInterrupt):
+    with _source(path, arguments) as source, serving(source, arguments), suppress(KeyboardInterrupt):
         note(_STAYS)
         threading.Event().wait()
     return 0
@@ -251,7 +256,7 @@ def _team(arguments: Namespace) -> int:
             )
             if arguments.allow:
                 view.allow_change(arguments.change, arguments.library)
-            served.enter_context(_serving(view, arguments))
+            served.enter_context(serving(view, arguments))
             note(_STAYS)
             return view
 
@@ -271,21 +276,22 @@ def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun]:
     if arguments.paused:
         control.pause("Paused before the first step.")
     live = LiveRun(scenario, control)
-    with _serving(live, arguments):
+    with serving(live, arguments):
         yield live
 
 
 @contextmanager
-def _serving(source: PageSource, arguments: Namespace) -> Iterator[None]:
+def serving(source: PageSource, arguments: Namespace) -> Iterator[None]:
     """Serve the page of a source. Print its address, and open it in the browser unless told not to."""
     from fame.view import Server
     from fame.view.people import TAKE_OVER, Person
 
-    may = dict.fromkeys(arguments.take_over, TAKE_OVER)
-    if missing := may.keys() - {role for _, role in vars(arguments)["as"]}:
+    users = vars(arguments).get("as", ())
+    may = dict.fromkeys(getattr(arguments, "take_over", ()), TAKE_OVER)
+    if missing := may.keys() - {role for _, role in users}:
         raise ConfigError(f"--take-over {min(missing)}: no --as gives anybody this role")
     tls = (arguments.tls[0], arguments.tls[1]) if arguments.tls else None
-    people = [Person(user, role, may.get(role, ())) for user, role in vars(arguments)["as"]]
+    people = [Person(user, role, may.get(role, ())) for user, role in users]
     with Server(source, host=arguments.host, port=arguments.port, people=people, tls=tls) as server:
         print(server.address, flush=True)
         for person, address in server.addresses.items():
@@ -358,7 +364,7 @@ def _branch(arguments: Namespace) -> int:
             scenario, RunControl(pause_at=time), title=f"{Path(scenario.file).stem} from {time / SECOND:g} s"
         )
         same = SameRun(recording, time, live)
-        with _serving(live, arguments):
+        with serving(live, arguments):
             try:
                 result = scenario.run(
                     observer=live.observer,

@@ -238,9 +238,7 @@ def picture(found: ModelDifference) -> str:
         return [replace(one, plane=found.new.planes.index(planes[one.plane])) for one in left]
 
     shapes = [
-        replace(one, stroke=COLOURS[how[one.element]][0], fill=COLOURS[how[one.element]][1])
-        if one.element in how
-        else one
+        _painted(one, how[one.element]) if one.element in how else one
         for one in (*found.new.shapes, *gone(found.old.shapes))
     ]
     edges = [
@@ -250,3 +248,10 @@ def picture(found: ModelDifference) -> str:
     counts = [f"{list(how.values()).count(word)} {word}" for word in COLOURS if word in how.values()]
     painted = replace(found.new, shapes=tuple(shapes), edges=tuple(edges))
     return draw(painted, notes=[", ".join(counts) or "no differences"])
+
+
+def _painted(shape: Shape, how: str) -> Shape:
+    """A shape in the colours of what became of it; one that others are drawn in is not filled."""
+    stroke, fill = COLOURS[how]
+    holds = shape.expanded or shape.kind in ("participant", "lane", "group")
+    return replace(shape, stroke=stroke, fill=shape.fill if holds else fill)

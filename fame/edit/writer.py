@@ -15,6 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from fame.bpmn.reader.xml import parse
@@ -45,26 +46,23 @@ class _Attribute(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Tag:
-    """An element and its places in the text: of the element, and of what is between its tags."""
+    """An element and its places in the text: of the element, and of what is between its tags.
+
+    `key` tells it from others of its file, if anything does.
+    """
 
     name: QName
     attributes: dict[QName, _Attribute]
     prefixes: Mapping[str, str]
     start: int
     inside: int
+    key: tuple[Any, ...] | None = None
     parent: _Tag | None = None
     close: int = 0
     end: int = 0
     text: str = ""
     children: list[_Tag] = field(default_factory=list)
     _content: tuple[Any, ...] | None = None
-
-    @property
-    def key(self) -> tuple[Any, ...] | None:
-        """What tells it from others of its file, if anything does."""
-        values = (self.attributes.get(("", name)) for name in ("id", "bpmnElement"))
-        found = next((one.value.rpartition(":")[2] for one in values if one is not None), None)
-        return None if found is None else (self.name, found)
 
     @property
     def content(self) -> tuple[Any, ...]:
@@ -90,8 +88,10 @@ def _unescaped(text: str) -> str:
     return _REFERENCE.sub(character, text.replace("\r\n", "\n"))
 
 
-def _read(text: str) -> _Tag:
-    """The elements of a well-formed document."""
+@lru_cache(maxsize=4)
+def _read(text: str, file: str) -> _Tag:
+    """The elements of a document, which stays the same while others are compared with it. Raises ModelError."""
+    parse(re.sub(r"\A\ufeff?(<\?xml[^>]*?)\sencoding\s*=\s*[\"'][^\"']*[\"']", r"\1", text).encode(), file)
     top = _Tag(("", ""), {}, {"": "", "xml": "http://www.w3.org/XML/1998/namespace"}, 0, 0)
     inner, end = top, 0
     for token in _TOKEN.finditer(text):
@@ -127,7 +127,9 @@ def _opened(parent: _Tag, token: re.Match[str]) -> _Tag:
             attributes[place] = _Attribute(value, shift + one.start(), shift + one.end())
     inside, end = token.end(), token.end()
     tag = name(token["open"], prefixes[""])
-    return _Tag(tag, attributes, prefixes, token.start(), inside, parent, inside, end)
+    told = attributes.get(("", "id")) or attributes.get(("", "bpmnElement"))
+    key = (tag, told.value.rpartition(":")[2]) if told is not None else None
+    return _Tag(tag, attributes, prefixes, token.start(), inside, key, parent, inside, end)
 
 
 # ---- what corresponds ------------------------------------------------------------------------------------------------
@@ -155,19 +157,23 @@ def _pairs(some: Sequence[_Tag], others: Sequence[_Tag]) -> dict[_Tag, _Tag]:
 
 def save(old: str, base: str, new: str, *, file: str = "") -> str:
     """Return the old text with what differs between two texts that an editor wrote of it. Raises ModelError."""
-    for text in (old, base, new):
-        parse(re.sub(r"\A\ufeff?(<\?xml[^>]*?)\sencoding\s*=\s*[\"'][^\"']*[\"']", r"\1", text).encode(), file)
-    writing = _Writing(old, _read(old), _read(base), _read(new))
+    writing = _Writing(old, *(_read(text, file) for text in (old, base, new)))
     return writing.text()
 
 
 def save_bytes(old: bytes, base: str, new: str, *, file: str = "") -> bytes:
     """As `save`, for the content of a file, whose encoding stays. Raises ModelError."""
-    encoding = parse(old, file).getroottree().docinfo.encoding or "utf-8"
-    if old[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding = "utf-16-le" if old[0] == 0xFF else "utf-16-be"
+    text, encoding = decoded(old, file)
+    return save(text, base, new, file=file).encode(encoding, "xmlcharrefreplace")
+
+
+def decoded(content: bytes, file: str) -> tuple[str, str]:
+    """Return the text of a file, with its byte order mark, and its encoding. Raises ModelError."""
+    encoding = parse(content, file).getroottree().docinfo.encoding or "utf-8"
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16-le" if content[0] == 0xFF else "utf-16-be"
     try:
-        return save(old.decode(encoding), base, new, file=file).encode(encoding, "xmlcharrefreplace")
+        return content.decode(encoding), encoding
     except (LookupError, UnicodeError):
         raise ModelError(f"expected a text in {encoding}, as the file says", file=file) from None
 

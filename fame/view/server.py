@@ -60,10 +60,12 @@ _KINDS = {
     ".js": "text/javascript",
     ".css": "text/css",
     ".svg": "image/svg+xml",
+    ".woff2": "font/woff2",
 }
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-    "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "font-src 'self'; connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
@@ -412,7 +414,7 @@ class _Endpoints:
             routes=[
                 *([Mount("/change", inner)] if inner is not None else []),
                 Route("/", self._static),
-                Route("/page/{name}", self._static),
+                Route("/page/{name:path}", self._static),
                 Route("/mission.json", self._mission),
                 Route("/plane/{number:int}.json", _json_of(source.plane)),
                 Route("/block/{number:int}.json", _json_of(source.block)),
@@ -424,10 +426,14 @@ class _Endpoints:
 
     async def _static(self, request: Request) -> Response:
         name = request.path_params.get("name", "index.html")
-        kind, file = _KINDS.get(Path(name).suffix), self._files / name
-        if kind is None or "/" in name or not file.is_file():
-            return _not_found("no such file\n")
-        return _response(file.read_bytes(), kind)
+        kind, content = _KINDS.get(Path(name).suffix), await asyncio.to_thread(self._file, name)
+        return _not_found("no such file\n") if kind is None or content is None else _response(content, kind)
+
+    def _file(self, name: str) -> bytes | None:
+        """A file of the page, which its source may replace, and add to."""
+        own = getattr(self._source, "file", _no_file)(name)
+        found = self._files / name
+        return own if own is not None else found.read_bytes() if "/" not in name and found.is_file() else None
 
     async def _mission(self, request: Request) -> Response:
         mission, person = dict(await asyncio.to_thread(self._source.mission)), request.scope["person"]
@@ -438,10 +444,11 @@ class _Endpoints:
 
     async def _control(self, request: Request) -> Response:
         try:
-            text = await _body(request)
+            longest = getattr(self._source, "longest", LONGEST)
+            text = await _body(request, longest)
             if text is None:
-                return _json({"error": f"longer than {LONGEST} bytes"}, 413)
-            command = read_json(text)
+                return _json({"error": f"longer than {longest} bytes"}, 413)
+            command = read_json(text, longest)
             if not isinstance(command, dict):
                 raise ValueError
             return _json(await asyncio.to_thread(self._obey, command, request.scope["person"]))
@@ -500,14 +507,18 @@ def _response(content: bytes, kind: str, status: int = 200) -> Response:
     return Response(content, status, _HEADERS, kind)
 
 
-async def _body(request: Request) -> str | None:
+async def _body(request: Request, longest: int) -> str | None:
     """The body of a request; None if it is too long, without reading the rest. Raises ValueError."""
     found = bytearray()
     async for part in request.stream():
         found += part
-        if len(found) > LONGEST:
+        if len(found) > longest:
             return None
     return found.decode()
+
+
+def _no_file(name: str) -> bytes | None:
+    """A source has no files of its own, unless it says so."""
 
 
 def _nothing(time: int) -> Mapping[str, Any]:

@@ -1,0 +1,70 @@
+"""``fame edit``: draw a model in the browser."""
+
+from __future__ import annotations
+
+import threading
+from argparse import Namespace
+from contextlib import suppress
+from pathlib import Path
+
+from fame.cli.arguments import Commands, add_library, command
+from fame.cli.output import note
+from fame.cli.view import add_address, serving
+from fame.errors import ConfigError
+from fame.text import unreadable
+
+_EXAMPLES = (
+    "fame edit --fetch",
+    "fame edit mission.bpmn",
+    "fame edit examples/agriculture.yaml --port 8080 --no-open",
+)
+
+
+def add(commands: Commands) -> None:
+    parser = command(
+        commands, "edit", run, examples=_EXAMPLES,
+        help="draw a model in the browser: findings of fame check while you draw, and a file that keeps all else",
+    )  # fmt: skip
+    parser.add_argument(
+        "subject", type=Path, nargs="?", metavar="MODEL.bpmn|SCENARIO.yaml",
+        help="what to draw; a model that is not there is begun",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fetch",
+        action="store_true",
+        help="download the library that draws (camunda-bpmn-js) from the registry of npm",
+    )
+    parser.add_argument(
+        "--modeler", type=Path, metavar="FILE.tgz", help="take the library from this file, which npm pack makes"
+    )
+    add_address(parser)
+    add_library(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Serve the page until Ctrl-C; without a model, only install the library."""
+    from fame.edit.modeler import fetch, installed, unpack
+
+    if arguments.fetch and arguments.modeler is not None:
+        raise ConfigError("--fetch and --modeler are two ways to the same library: choose one")
+    if arguments.fetch:
+        note(str(fetch()))
+    if arguments.modeler is not None:
+        try:
+            note(str(unpack(arguments.modeler.read_bytes(), str(arguments.modeler))))
+        except OSError as error:
+            raise ConfigError(unreadable(error), file=str(arguments.modeler)) from None
+    if arguments.subject is None:
+        if arguments.fetch or arguments.modeler is not None:
+            return 0
+        raise ConfigError("expected a model or a scenario: fame edit mission.bpmn")
+    from fame.edit.session import ModelEdit
+
+    with (
+        ModelEdit(arguments.subject, installed(), arguments.library) as source,
+        serving(source, arguments),
+        suppress(KeyboardInterrupt),
+    ):
+        note("The page stays until Ctrl-C.")
+        threading.Event().wait()
+    return 0

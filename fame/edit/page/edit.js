@@ -1,0 +1,237 @@
+// The page that edits a model: the library that draws, what is found in the model while it is drawn, and its file.
+
+import { byId, h, icon, messageOf } from "./dom.js";
+import { source } from "./source.js";
+
+const REST = 80; // ms without a change, after which the model is checked
+const SAID = 6000; // ms that a message stays
+const LEVELS = ["error", "warning", "note"];
+const COUNTS = { error: "failed", warning: "warning", note: "" };
+
+/**
+ * @typedef {{level: string, text: string, element: string, name: string, line: number}} Finding
+ * @typedef {{title: string, text: string, hash: string, modeler: string, templates: object[]}} Model
+ */
+
+/** @param {string} address */
+const script = (address) =>
+  new Promise((done, failed) => {
+    document.head.append(h("script", { src: address, onload: done, onerror: () => failed(new Error(address)) }));
+  });
+
+class Edit {
+  /** @type {any} */
+  modeler = null;
+  /** @type {Model} */
+  mission = { title: "", text: "", hash: "", modeler: "", templates: [] };
+  base = ""; // what the library writes of the text that the file has
+  drawn = ""; // what it writes now
+  hash = ""; // of the file that the page has
+  ready = false; // a model is open
+  checked = 0; // changes that the findings know
+  changes = 0;
+  /** @type {Finding[]} */
+  findings = [];
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  timer = undefined;
+  gone = "";
+
+  async start() {
+    this.mission = await source.fetch("mission.json");
+    document.title = `${this.mission.title} – fame edit`;
+    byId("title").textContent = this.mission.title;
+    await script(`page/modeler/dist/${this.mission.modeler}-modeler.production.min.js`);
+    const { BpmnModeler } = /** @type {any} */ (window);
+    this.modeler = new BpmnModeler({ container: "#canvas", propertiesPanel: { parent: "#properties" } });
+    if (this.mission.templates.length) this.modeler.get("elementTemplatesLoader").setTemplates(this.mission.templates);
+    this.modeler.on("commandStack.changed", () => this.changed());
+    new ResizeObserver(() => this.ready && this.modeler.get("canvas").resized()).observe(byId("canvas"));
+    this.tools();
+    await this.open(this.mission.text, this.mission.hash);
+    source.listen(this);
+  }
+
+  /** Show the text of the file (`hash`), or `drawn`, which is not yet in it. */
+  async open(text, hash, drawn = "") {
+    this.ready = false;
+    try {
+      await this.modeler.importXML(text);
+      this.base = await this.written();
+      if (drawn) await this.modeler.importXML(drawn);
+    } catch (error) {
+      byId("findings").replaceChildren(h("p", { cls: "error" }, `It cannot be drawn: ${messageOf(error)}`));
+      return;
+    }
+    Object.assign(this.mission, { text });
+    Object.assign(this, { hash, ready: true });
+    this.fit();
+    await this.look();
+  }
+
+  async written() {
+    return (await this.modeler.saveXML({ format: true })).xml;
+  }
+
+  get dirty() {
+    return this.drawn !== this.base;
+  }
+
+  // ---- while it is drawn -------------------------------------------------------------------------
+
+  changed() {
+    this.changes += 1;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.look().catch((error) => this.say(messageOf(error))), REST);
+  }
+
+  /** Check what is drawn, and show what is found. */
+  async look() {
+    if (!this.ready) return;
+    const seen = this.changes;
+    this.drawn = await this.written();
+    this.chips();
+    const found = await source.post({ do: "check", base: this.base, new: this.drawn });
+    if (seen !== this.changes) return; // it has changed meanwhile: it is checked again
+    this.findings = found.findings;
+    this.checked = seen;
+    this.chips();
+    this.list();
+    this.marks();
+  }
+
+  chips() {
+    const chips = LEVELS.map((level) => {
+      const count = this.findings.filter((one) => one.level === level).length;
+      return count && h("span", { cls: `chip ${COUNTS[level]}` }, `${count} ${level}${count > 1 ? "s" : ""}`);
+    }).filter(Boolean);
+    if (!chips.length) chips.push(h("span", { cls: "chip completed" }, "no problems found"));
+    const state = this.gone || (this.dirty ? "not saved" : "saved");
+    const cls = `chip ${this.gone ? "failed" : ""}`;
+    byId("chips").replaceChildren(h("span", { cls, id: "state" }, state), ...chips);
+    /** @type {any} */ (byId("save")).disabled = !this.dirty;
+  }
+
+  list() {
+    const rows = this.findings.map((one) =>
+      h(
+        "button",
+        { onclick: () => this.select(one.element), dataset: { element: one.element } },
+        h("span", { cls: one.level }, one.level),
+        h("span", null, one.name || one.element ? `${one.name || one.element}: ` : "", one.text),
+      ),
+    );
+    byId("findings").replaceChildren(...rows);
+  }
+
+  /** Show at each element the strongest of what is found there. */
+  marks() {
+    const overlays = this.modeler.get("overlays");
+    const elements = this.modeler.get("elementRegistry");
+    overlays.remove({ type: "finding" });
+    for (const id of new Set(this.findings.map((one) => one.element))) {
+      const these = this.findings.filter((one) => one.element === id);
+      if (!id || !elements.get(id)) continue;
+      const level = LEVELS.find((name) => these.some((one) => one.level === name));
+      const title = these.map((one) => one.text).join("\n");
+      const html = h("div", { cls: `mark ${level}`, title }, level === "note" ? "i" : "!");
+      overlays.add(id, "finding", { position: { top: -10, right: 10 }, html });
+    }
+  }
+
+  select(id) {
+    const element = this.modeler.get("elementRegistry").get(id);
+    if (!element) return;
+    this.modeler.get("canvas").scrollToElement(element);
+    this.modeler.get("selection").select(element);
+  }
+
+  // ---- the file ----------------------------------------------------------------------------------
+
+  async save() {
+    if (!this.ready) return;
+    this.drawn = await this.written();
+    const { drawn } = this;
+    try {
+      const { hash, text } = await source.post({ do: "save", base: this.base, new: drawn, hash: this.hash });
+      Object.assign(this, { base: drawn, hash });
+      Object.assign(this.mission, { text });
+      this.chips();
+    } catch (error) {
+      this.say(messageOf(error));
+    }
+  }
+
+  /** What the server sends: the hash of the file, which somebody else may have changed. */
+  async news({ type, hash }) {
+    if (type !== "file" || !this.ready) return;
+    if (hash === this.hash) return void (byId("outside").hidden = true);
+    const command = { do: "compare", base: this.base, new: await this.written(), text: this.mission.text };
+    try {
+      this.outside(await source.post(command));
+    } catch (error) {
+      this.outside({ lines: [messageOf(error)], hash: "", text: "", merged: "" });
+    }
+  }
+
+  outside({ lines, hash, text, merged }) {
+    if (hash === this.hash) return;
+    const act = (name, words, action) => h("button", { cls: "text", id: name, onclick: action }, words);
+    const done = (drawn) => this.open(text, hash, drawn).then(() => (byId("outside").hidden = true));
+    const said = lines.length ? lines.join("\n") : "Only comments, spaces or the order of elements differ.";
+    byId("outside").replaceChildren(
+      h("strong", null, `${this.mission.title} has been changed by somebody else`),
+      h("pre", null, said),
+      h(
+        "span",
+        { cls: "acts" },
+        text && act("theirs", this.dirty ? "Load it; what I have drawn is lost" : "Load it", () => done("")),
+        text && this.dirty && act("both", "Load it, with what I have drawn", () => done(merged)),
+      ),
+    );
+    byId("outside").hidden = false;
+  }
+
+  disconnected(text) {
+    this.gone = text && "not connected";
+    this.chips();
+    if (text) this.say("The connection to fame edit has ended: nothing can be saved.");
+  }
+
+  // ---- the page ----------------------------------------------------------------------------------
+
+  tools() {
+    const tool = (id, name, picture, action) =>
+      h("button", { id, title: name, "aria-label": name, onclick: action }, icon(picture));
+    const stack = this.modeler.get("commandStack");
+    byId("tools").replaceChildren(
+      tool("undo", "Undo (Ctrl Z)", "back", () => stack.undo()),
+      tool("redo", "Redo (Ctrl Y)", "forth", () => stack.redo()),
+      tool("fit", "Fit the diagram", "fit", () => this.fit()),
+      h("button", { id: "save", cls: "text strong", title: "Ctrl S", onclick: () => this.save() }, "Save"),
+    );
+    addEventListener("keydown", (event) => {
+      if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "s") return;
+      event.preventDefault();
+      this.save();
+    });
+    addEventListener("beforeunload", (event) => this.dirty && event.preventDefault());
+  }
+
+  fit() {
+    const canvas = this.modeler.get("canvas");
+    canvas.resized();
+    canvas.zoom(0.9 * canvas.zoom("fit-viewport", "auto"), "auto");
+    canvas.scroll({ dx: 45, dy: 0 }); // beside the palette
+  }
+
+  say(text) {
+    const toast = byId("toast");
+    toast.textContent = text;
+    toast.hidden = false;
+    setTimeout(() => (toast.hidden = true), SAID);
+  }
+}
+
+const edit = new Edit();
+Object.assign(window, { edit });
+edit.start().catch((error) => edit.say(messageOf(error)));

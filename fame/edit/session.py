@@ -1,0 +1,179 @@
+"""The source of the page that edits a model: it gives the text, checks what is drawn, and writes it.
+
+The page has the text of the file at one time (`hash`) and what its editor writes of it unchanged (`base`). What it
+draws is written into that text (`fame.edit.writer`), and only while the file still has it: else the page is given what
+has changed in the file, by element, and decides.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from hashlib import sha256
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.reader import read_bytes, read_text
+from fame.bpmn.reader.xml import CAMUNDA, ZEEBE, parse, read_file
+from fame.check import Finding, check
+from fame.check.element_templates import templates
+from fame.check.library import behaviours
+from fame.check.scope import of_error
+from fame.config.loader import read_document
+from fame.edit.changes import compare, lines
+from fame.edit.writer import decoded, save_bytes
+from fame.errors import ConfigError, FameError, ModelError
+from fame.text import unreadable, write_file
+from fame.view.watch import ModelWatch, Stamp, stamps_of
+
+_NEW = b"""<?xml version="1.0" encoding="UTF-8"?>
+<bpmn:definitions xmlns:bpmn="http://www.omg.org/spec/BPMN/20100524/MODEL"
+    xmlns:bpmndi="http://www.omg.org/spec/BPMN/20100524/DI" xmlns:dc="http://www.omg.org/spec/DD/20100524/DC"
+    xmlns:di="http://www.omg.org/spec/DD/20100524/DI" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"
+    id="Definitions_1" targetNamespace="http://bpmn.io/schema/bpmn">
+  <bpmn:process id="Process_1" isExecutable="true">
+    <bpmn:startEvent id="StartEvent_1" />
+  </bpmn:process>
+  <bpmndi:BPMNDiagram id="BPMNDiagram_1">
+    <bpmndi:BPMNPlane id="BPMNPlane_1" bpmnElement="Process_1">
+      <bpmndi:BPMNShape id="StartEvent_1_di" bpmnElement="StartEvent_1">
+        <dc:Bounds x="180" y="160" width="36" height="36" />
+      </bpmndi:BPMNShape>
+    </bpmndi:BPMNPlane>
+  </bpmndi:BPMNDiagram>
+</bpmn:definitions>
+"""
+_PLATFORM = "{http://camunda.org/schema/modeler/1.0}executionPlatform"
+
+
+def model_of(path: Path) -> Path:
+    """Return the model to edit: the file, or that of a scenario. Raises ConfigError."""
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        return path
+    model = read_document(path).mapping().get("model")
+    if model is None:
+        raise ConfigError("expected a scenario with a model", file=str(path))
+    return path.parent / model.text()
+
+
+class ModelEdit(ModelWatch):
+    """The source of that page. A model that does not exist is begun with a start event, and written when it is saved.
+
+    `subject` is a model or a scenario, `modeler` the folder of `fame.edit.modeler`, `library` adds folders with called
+    processes. Raises ConfigError for a model that cannot be read.
+    """
+
+    longest = 40_000_000
+    """Bytes of a command: two texts of a model."""
+
+    def __init__(self, subject: Path, modeler: Path, library: Sequence[Path] = ()) -> None:
+        self.model = model_of(subject)
+        self._modeler = modeler
+        self._lock = threading.Lock()
+        if self.model.suffix.lower() not in (".bpmn", ".xml"):
+            raise ConfigError(f"expected MODEL.bpmn or SCENARIO.yaml, got {self.model.name!r}", file=str(subject))
+        if not self.model.parent.is_dir():
+            raise ConfigError("cannot be written: there is no such folder", file=str(self.model.parent))
+        parse(self._content(), str(self.model))
+        super().__init__(subject, library, wait=not self.model.exists())
+
+    def _content(self) -> bytes:
+        try:
+            return read_file(self.model) if self.model.exists() else _NEW
+        except OSError as error:
+            raise ConfigError(unreadable(error), file=str(self.model)) from None
+
+    def _stamped(self) -> dict[Path, Stamp]:
+        return {**super()._stamped(), **stamps_of([self.model])}
+
+    # ---- for the page ------------------------------------------------------------------------------------------------
+
+    def file(self, path: str) -> bytes | None:
+        """Return a file of the page or of the library that draws; None if there is none."""
+        home, name = (self._modeler, path.removeprefix("modeler/")) if path.startswith("modeler/") else (_PAGE, path)
+        found = home.joinpath(*name.split("/")) if ".." not in name.split("/") else None
+        return found.read_bytes() if found is not None and found.is_file() else None
+
+    def mission(self) -> Mapping[str, Any]:
+        """Everything that the page needs first: the model, and templates for its elements."""
+        content = self._content()
+        cloud = _is_camunda8(content, str(self.model))
+        made = templates(behaviours(self._folders)) if not cloud else {}
+        return {
+            "kind": "edit",
+            "title": self.model.name,
+            "text": decoded(content, str(self.model))[0],
+            "hash": _hash(content),
+            "modeler": "camunda-cloud" if cloud else "camunda-platform",
+            "templates": [one for some in made.values() for one in some],
+            "control": ["save", "check", "compare"],
+            "robots": [],
+        }
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        version = self._version
+        return version, [] if known == version else [{"type": "file", "hash": _hash(self._content())}]
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        """``check`` what is drawn; ``save`` it, if the file is as the page has it; ``compare`` it with the file.
+
+        Raises FameError.
+        """
+        acts = {"check": self._checked, "save": self._saved, "compare": self._compared}
+        act = acts.get(str(command.get("do")))
+        base, new = command.get("base"), command.get("new")
+        if act is None or not isinstance(base, str) or not isinstance(new, str):
+            raise FameError("expected check, save or compare with two texts")
+        with self._lock:
+            content = self._content()
+            return act(command, content, save_bytes(content, base, new, file=str(self.model)))
+
+    def _checked(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
+        return {"findings": [asdict(one) for one in self._findings(new)]}
+
+    def _findings(self, content: bytes) -> list[Finding]:
+        """The findings of what is drawn, those of the file alone."""
+        try:
+            found = check(read_bytes(content, file=str(self.model)), library=self._now.library)
+        except ModelError as error:
+            found = [of_error(error)]
+        return [one for one in found if one.file == str(self.model)]
+
+    def _saved(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
+        if command.get("hash") != _hash(old):
+            raise FameError("the file has been changed by somebody else: nothing is written")
+        if new != old or not self.model.exists():
+            read_bytes(new, file=str(self.model))
+            try:
+                write_file(self.model, new)
+            except OSError as error:
+                raise FameError(f"{self.model}: cannot be written: {error.strerror}") from None
+        return {"hash": _hash(new), "text": decoded(new, str(self.model))[0]}
+
+    def _compared(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
+        """What has changed in the file, its text, and that with what the page has drawn."""
+        shown, file = command.get("text"), str(self.model)
+        if not isinstance(shown, str):
+            raise FameError("expected the text that the page was given")
+        found = compare(read_text(shown, file=self.model.name), read_bytes(old, file=self.model.name))
+        said = [] if found.same else list(lines(found))
+        return {"lines": said, "hash": _hash(old), "text": decoded(old, file)[0], "merged": decoded(new, file)[0]}
+
+
+_PAGE = files("fame.edit") / "page"
+
+
+def _is_camunda8(content: bytes, file: str) -> bool:
+    """Whether a file says that it is of Camunda 8, or has its extensions and none of Camunda 7."""
+    root = parse(content, file)
+    if (platform := root.get(_PLATFORM)) is not None:
+        return platform == "Camunda Cloud"
+    names = {str(name) for one in root.iter("*") for name in (one.tag, *one.keys())}
+    used = {name[1:].partition("}")[0] for name in names if name[0] == "{"}
+    return ZEEBE in used and CAMUNDA not in used
+
+
+def _hash(content: bytes) -> str:
+    return sha256(content).hexdigest()

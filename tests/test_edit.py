@@ -1,0 +1,363 @@
+"""``fame edit``: a model is drawn in the browser, checked while it is drawn, and written into its file."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import re
+import shutil
+import tarfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+import pytest
+from bpmn_text import process
+from test_diff import DRAWN, FLOWS, TASK
+from view_page import eventually, until
+
+from fame.cli import main
+from fame.edit import modeler
+from fame.edit.session import ModelEdit
+from fame.errors import ConfigError, FameError, UnavailableError
+from fame.view import Server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = f"{modeler.NAME}-{modeler.VERSION}.tgz"
+OLD = process("<!-- why -->" + FLOWS + TASK, DRAWN)
+BEGUN = {"kind": "edit", "title": "m.bpmn", "modeler": "camunda-platform"}
+
+
+def package(*names: str) -> bytes:
+    """A package of npm with files of these names."""
+    written = io.BytesIO()
+    with tarfile.open(fileobj=written, mode="w:gz") as made:
+        for name in names:
+            member = tarfile.TarInfo(f"package/{name}")
+            member.size = len(name)
+            made.addfile(member, io.BytesIO(name.encode()))
+    return written.getvalue()
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def pinned(monkeypatch: pytest.MonkeyPatch, content: bytes) -> bytes:
+    monkeypatch.setattr(modeler, "INTEGRITY", base64.b64encode(hashlib.sha512(content).digest()).decode())
+    return content
+
+
+# ---- the library that draws ------------------------------------------------------------------------------------------
+
+
+def test_without_the_library_one_line_says_how_to_get_it(cache: Path, tmp_path: Path, capsys: Any) -> None:
+    (tmp_path / "m.bpmn").write_text(OLD)
+    assert main(["edit", str(tmp_path / "m.bpmn"), "--no-open"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "fame edit --fetch" in line
+    assert f"npm pack camunda-bpmn-js@{modeler.VERSION}" in line
+
+
+def test_another_package_is_not_unpacked(cache: Path, tmp_path: Path, capsys: Any) -> None:
+    (tmp_path / "a.tgz").write_bytes(package("LICENSE"))
+    assert main(["edit", "--modeler", str(tmp_path / "a.tgz")]) == 2
+    assert "expected camunda-bpmn-js 5.35.0 with the hash sha512-hT7GB/2vKA4+" in capsys.readouterr().err
+    assert not cache.exists()
+
+
+def test_only_what_the_page_needs_is_unpacked_and_nothing_outside(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("LICENSE", "dist/assets/a.css", "dist/assets/../../../../b.css", "dist/base-viewer.js", "lib/x.js")
+    (tmp_path / "a.tgz").write_bytes(pinned(monkeypatch, package(*names)))
+    assert main(["edit", "--modeler", str(tmp_path / "a.tgz")]) == 0
+    found = [str(path.relative_to(cache)) for path in cache.rglob("*") if path.is_file()]
+    home = f"fame/{modeler.NAME}-{modeler.VERSION}"
+    assert sorted(found) == [f"{home}/LICENSE", f"{home}/dist/assets/a.css"]
+    assert modeler.installed() == cache / home
+
+
+def test_it_is_fetched_from_the_registry_of_npm(cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    content, asked = pinned(monkeypatch, package("LICENSE")), list[str]()
+
+    class Registry(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            self.send_response(200 if len(asked) == 1 else 404)
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Registry) as registry:
+        thread = threading.Thread(target=registry.serve_forever)
+        thread.start()
+        monkeypatch.setenv("NPM_CONFIG_REGISTRY", f"http://127.0.0.1:{registry.server_port}/")
+        monkeypatch.setenv("no_proxy", "127.0.0.1")
+        codes = [main(["edit", "--fetch"]), main(["edit", "--fetch"])]
+        registry.shutdown()
+        thread.join()
+    assert (codes, asked[0]) == ([0, 2], f"/camunda-bpmn-js/-/{PACKAGE}")
+    assert "not downloaded" in capsys.readouterr().err
+    assert modeler.installed().is_dir()
+
+
+def test_a_folder_without_the_licence_is_no_library(cache: Path) -> None:
+    modeler.home().mkdir(parents=True)
+    with pytest.raises(UnavailableError):
+        modeler.installed()
+
+
+# ---- the file --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "m.bpmn"
+    path.write_text(OLD, "utf-8")
+    return path
+
+
+@pytest.fixture
+def edit(model: Path, tmp_path: Path) -> Iterator[ModelEdit]:
+    with ModelEdit(model, tmp_path / "library") as source:
+        yield source
+
+
+def drawn(edit: ModelEdit, new: str, act: str = "save", **more: object) -> Any:
+    """What the page gets for an act, whose editor drops comments."""
+    begun = edit.mission()
+    base, new = (text.replace("<!-- why -->", "") for text in (OLD, new))
+    return edit.control({"do": act, "base": base, "new": new, "hash": begun["hash"], "text": begun["text"], **more})
+
+
+def test_what_is_drawn_is_written_into_the_file(edit: ModelEdit, model: Path) -> None:
+    assert edit.mission().items() >= BEGUN.items()
+    said = drawn(edit, OLD.replace('name="Count"', 'name="Number"'))
+    assert model.read_text("utf-8") == said["text"] == OLD.replace('name="Count"', 'name="Number"')
+    assert said["hash"] == edit.mission()["hash"]
+
+
+def test_a_file_that_somebody_else_has_changed_is_never_overwritten(edit: ModelEdit, model: Path) -> None:
+    shown, mine = edit.mission(), OLD.replace('name="Count"', 'name="Number"')
+    theirs = OLD.replace("a = 1", "a = 7")
+    model.write_text(theirs)
+    with pytest.raises(FameError, match="changed by somebody else: nothing is written"):
+        drawn(edit, mine, hash=shown["hash"])
+    assert model.read_text() == theirs
+    found = drawn(edit, mine, "compare", text=shown["text"])
+    assert found["lines"][0].startswith('~ scriptTask "Count" (t)')
+    assert (found["text"], found["merged"]) == (theirs, theirs.replace('name="Count"', 'name="Number"'))
+    eventually(lambda: edit.news(None)[1] == [{"type": "file", "hash": found["hash"]}])
+
+
+def test_what_is_drawn_is_checked_before_it_is_saved(edit: ModelEdit, model: Path) -> None:
+    (finding,) = [one for one in drawn(edit, OLD.replace("a = 1", "a ="), "check")["findings"] if one["element"] == "t"]
+    assert (finding["level"], finding["name"]) == ("error", "Count")
+    assert model.read_text() == OLD
+
+
+@pytest.mark.parametrize("new", ["", "<a", "<!DOCTYPE a><a/>", "<a/>"])
+def test_what_is_no_model_is_not_saved(edit: ModelEdit, model: Path, new: str) -> None:
+    with pytest.raises(FameError):
+        drawn(edit, new)
+    assert model.read_text() == OLD
+
+
+def test_a_command_of_anything_is_refused_in_a_line(edit: ModelEdit) -> None:
+    for command in ({}, {"do": "save"}, {"do": "save", "base": 1, "new": OLD}, {"do": "x", "base": OLD, "new": OLD}):
+        with pytest.raises(FameError, match="expected check, save or compare with two texts"):
+            edit.control(command)
+
+
+def test_a_model_that_is_not_there_is_begun_and_written_when_it_is_saved(tmp_path: Path) -> None:
+    path = tmp_path / "new.bpmn"
+    with ModelEdit(path, tmp_path) as source:
+        begun = source.mission()
+        assert not path.exists()
+        text = begun["text"]
+        source.control({"do": "save", "base": text, "new": text, "hash": begun["hash"]})
+    assert path.read_text() == text
+    assert main(["check", str(path)]) == 0
+
+
+def test_a_scenario_is_edited_by_its_model() -> None:
+    with ModelEdit(ROOT / "examples" / "agriculture.yaml", ROOT) as source:
+        assert source.model.resolve() == ROOT / "models" / "agriculture.bpmn"
+
+
+def test_camunda_8_gets_its_own_modeler(model: Path, tmp_path: Path) -> None:
+    model.write_text(OLD.replace("<script>", "<extensionElements><zeebe:taskHeaders/></extensionElements><script>"))
+    with ModelEdit(model, tmp_path) as source:
+        assert (source.mission()["modeler"], source.mission()["templates"]) == ("camunda-cloud", [])
+
+
+@pytest.mark.parametrize("name", ["m.txt", "nowhere/m.bpmn", "."])
+def test_what_cannot_be_edited_is_said(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError):
+        ModelEdit(tmp_path / name, tmp_path).close()
+
+
+def test_the_page_gives_its_own_files_and_those_of_the_library_alone(edit: ModelEdit, tmp_path: Path) -> None:
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library" / "a.css").write_text("b {}")
+    (tmp_path / "secret.css").write_text("secret")
+    with Server(edit) as server:
+        assert urlopen(f"{server.address}page/modeler/a.css").read() == b"b {}"
+        assert b"edit.js" in urlopen(server.address).read()
+        for name in ("modeler/../secret.css", "modeler/%2e%2e/secret.css", "../session.py", "modeler//etc/passwd.css"):
+            with pytest.raises(HTTPError):
+                urlopen(f"{server.address}page/{name}")
+        with pytest.raises(HTTPError):
+            urlopen(f"http://127.0.0.1:{server.port}/x/page/modeler/a.css")
+
+
+# ---- in the browser --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def library(node_modules: Path, cache: Path) -> Path:
+    content = (node_modules.parent / PACKAGE).read_bytes()
+    return modeler.unpack(content, PACKAGE)
+
+
+@contextmanager
+def opened(browser: Browser, server: Server, refused: bool = False) -> Iterator[Page]:
+    """The page, once a model is drawn. Fails if it had an error, its policy had to block something, or it asked
+    somebody else for anything."""
+    page, wrong = browser.new_page(viewport={"width": 1280, "height": 800}), []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda one: wrong.append(one.text) if one.type == "error" and not refused else None)
+    page.on("request", lambda one: None if one.url.startswith(server.address) else wrong.append(one.url))
+    page.goto(server.address)
+    until(page, "window.edit && edit.ready && document.querySelector('#state') !== null")
+    try:
+        yield page
+    finally:
+        page.close()
+    assert not wrong, wrong
+
+
+def shape(page: Page, id: str) -> Any:
+    return page.locator(f"g[data-element-id='{id}'] .djs-hit").first
+
+
+def test_a_task_is_drawn_named_and_saved_by_mouse_and_keyboard(
+    chromium: Browser, library: Path, model: Path, tmp_path: Path
+) -> None:
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        shape(page, "t").click()
+        page.locator("[data-action='append.append-task']").click()
+        page.keyboard.type("<img src=x onerror=alert(1)>")
+        page.mouse.click(600, 600)
+        until(page, "document.querySelector('#state').textContent === 'not saved'")
+        shape(page, "t").dblclick()
+        page.keyboard.press("Control+a")
+        page.keyboard.type("Count on")
+        page.mouse.click(600, 600)
+        until(page, "edit.changes === edit.checked && edit.drawn.includes('Count on')")
+        page.keyboard.press("Control+s")
+        until(page, "document.querySelector('#state').textContent === 'saved'")
+        assert page.locator(".bjs-powered-by").is_visible()
+    saved = model.read_text("utf-8")
+    assert "<!-- why -->" in saved
+    assert saved.count("&lt;img src=x onerror=alert(1)&gt;") == 1
+    kept = [line for line in OLD.splitlines() if line not in saved.splitlines()]
+    assert len(kept) == 3  # that of the task and its neighbour, where the new one was added, and its shape
+
+
+def test_findings_are_at_the_elements_and_in_a_list(chromium: Browser, library: Path, model: Path) -> None:
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        change = (
+            "edit.modeler.get('modeling').updateProperties(edit.modeler.get('elementRegistry').get('t'), {script: %r})"
+        )
+        page.evaluate(change % "a =")
+        until(page, "document.querySelector('.mark.error') !== null")
+        page.locator("#findings button", has_text="not valid Python").click()
+        assert page.evaluate("edit.modeler.get('selection').get().map(one => one.id)") == ["t"]
+        page.evaluate(change % "a = 2")
+        until(page, "document.querySelector('.mark.error') === null")
+
+
+def test_of_two_windows_on_a_file_none_overwrites_the_other(chromium: Browser, library: Path, model: Path) -> None:
+    rename = "edit.modeler.get('modeling').updateProperties(edit.modeler.get('elementRegistry').get(%r), {name: %r})"
+    with (
+        ModelEdit(model, library) as source,
+        Server(source) as server,
+        opened(chromium, server) as one,
+        opened(chromium, server, refused=True) as other,
+    ):
+        one.evaluate(rename % ("t", "Number"))
+        other.evaluate(rename % ("s", "Begin"))
+        until(one, "edit.dirty")
+        one.locator("#save").click()
+        other.locator("#both").wait_for()
+        assert "name: Count → Number" in other.locator("#outside").inner_text()
+        other.keyboard.press("Control+s")
+        until(other, "document.querySelector('#toast').textContent.includes('nothing is written')")
+        other.locator("#both").click()
+        until(other, "document.querySelector('#outside').hidden && edit.dirty")
+        other.locator("#save").click()
+        until(other, "document.querySelector('#state').textContent === 'saved'")
+        one.locator("#theirs").click()
+        until(one, "edit.drawn.includes('Begin')")
+    assert 'name="Number"' in model.read_text()
+    assert 'name="Begin"' in model.read_text()
+
+
+@pytest.mark.parametrize("cloud", [False, True], ids=["camunda-7", "camunda-8"])
+def test_nothing_that_the_library_shows_needs_more_than_the_policy_allows(
+    chromium: Browser, library: Path, model: Path, cloud: bool
+) -> None:
+    shutil.copyfile(ROOT / "models" / "agriculture.bpmn", model)
+    if cloud:
+        says = 'modeler:executionPlatform="Camunda Cloud" xmlns:modeler="http://camunda.org/schema/modeler/1.0"'
+        text = re.sub(r"modeler:executionPlatform\w*=\"[^\"]*\"|xmlns:modeler=\"[^\"]*\"", "", model.read_text("utf-8"))
+        model.write_text(text.replace("<bpmn:definitions", f"<bpmn:definitions {says}", 1), "utf-8")
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        kinds = page.evaluate(
+            """Object.entries(Object.fromEntries(edit.modeler.get('elementRegistry').getAll()
+                .map(one => [one.type, one.id])))"""
+        )
+        assert len(kinds) > 12
+        for _, id in kinds:
+            page.evaluate("id => edit.select(id)", id)
+            page.evaluate(
+                """() => { for (const one of document.querySelectorAll('.bio-properties-panel-group-header:not(.open)'))
+                    one.click(); }"""
+            )
+            page.wait_for_timeout(50)
+        task = next(id for kind, id in kinds if kind == "bpmn:ScriptTask")
+        for action in ("replace", "append", "set-color"):
+            page.evaluate("id => edit.select(id)", task)
+            page.locator(f".djs-context-pad [data-action='{action}']").click()
+            page.wait_for_timeout(100)
+            page.keyboard.press("Escape")
+        page.keyboard.press("Control+f")
+        page.keyboard.type("weed")
+        page.keyboard.press("Escape")
+        assert page.evaluate("edit.drawn === edit.base")
+
+
+def test_every_shipped_model_is_opened_and_saved_as_it_was(chromium: Browser, library: Path, model: Path) -> None:
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        page.evaluate("edit.ready = false")  # what is in the file is not what it has open
+        for path in sorted((ROOT / "models").rglob("*.bpmn")):
+            text = path.read_bytes().decode()
+            model.write_bytes(path.read_bytes())
+            base = page.evaluate("async text => { await edit.modeler.importXML(text); return edit.written(); }", text)
+            source.control({"do": "save", "base": base, "new": base, "hash": source.mission()["hash"]})
+            assert model.read_bytes() == path.read_bytes(), path
