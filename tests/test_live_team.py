@@ -278,14 +278,15 @@ def test_a_change_that_cannot_be_recorded_is_said(field: Field) -> None:
     robot = field.middleware.node("/REX/fame_engine").publisher("/REX/bpmn_events", "std_msgs/msg/String")
     field.run(1)
     batch = {"robot": "REX", "session": 1, "batch": 1, "epoch": date_text(EPOCH), "time": 0, "begins": "P"}
-    changes = [["variables", 0, {"robot": "REX", "changes": 1}]]
+    changes = [["variables", 0, {"robot": "REX", "changes": 1}]] * 2
     robot.publish(
         messages.create("std_msgs/msg/String", json.dumps({**batch, "protocol": PROTOCOL, "changes": changes}))
     )
     field.run(1)
     team.close()
     assert len(notes) == 1
-    assert notes[0].startswith("something that a robot reported cannot be recorded: TypeError")
+    assert notes[0].startswith("something that a robot reported cannot be recorded (TypeError")
+    assert notes[0].endswith("is it of another build of FAME, though of the same protocol?")
 
 
 RESTARTED = "its engine restarted; its mission is lost"

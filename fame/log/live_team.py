@@ -95,6 +95,7 @@ class LiveTeam(Closing):
     ) -> None:
         self._node, self._middleware, self._scheduler, self._floor = node, middleware, scheduler, floor
         self._on_model, self._wanted, self._now, self._note = on_model, robots, now, note
+        self._left_out = False  # whether a change could not be recorded
         self.delay: int = delay
         self._writer = KeyWriter(put)
         self.epoch: datetime | None = None
@@ -268,8 +269,11 @@ class LiveTeam(Closing):
             del self._arrived[number]
             try:
                 action(max(time, self._writer.last, self._floor()))
-            except _STRANGE as error:  # of a batch that looked right
-                self._note(f"something that a robot reported cannot be recorded: {error!r}")
+            except _STRANGE as error:  # of a batch that looked right; said once, since more of the kind will come
+                text = "is it of another build of FAME, though of the same protocol?"
+                if not self._left_out:
+                    self._note(f"something that a robot reported cannot be recorded ({error!r}): {text}")
+                self._left_out = True
 
     def _begin(self, robot: str, process: str, time: int) -> None:
         """Note that a robot starts a process, perhaps after another: its batches are complete from now on."""
