@@ -280,57 +280,78 @@ class InputNode:
         self.node.close()
 
     def on_message(self, stream: _Stream, message: Any) -> None:
-        now, topic = self.scheduler.now / SECOND, stream.topic
+        """Take a message of a topic, or leave it out and say why."""
+        now = self.scheduler.now / SECOND
         stream.arrived = min(stream.arrived[0], now), now
         stream.silence.on_message()
         stamp = (stamp_of(message) if stream.stamped else 0.0) or now
-        if self._ordered and not stamp > stream.last:
-            same, older = stamp == stream.last, f"{stream.last - stamp:.3g} s older"
-            what = "a second sample" if same else f"a sample {older}"
-            self.report(f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {stream.last:.3f} s")
-            if not same or not self._is_repeated(stream, message):
-                stream.left_out += 1
-                stream.reason = f"its stamp is {'that' if same else f'{older} than that'} of another one"
-            if not same:
-                stream.older, stream.back = stream.older + 1, max(stream.back, stream.last - stamp)
-            return
-        if stream.older >= JUMP and stamp <= stream.last + min(stream.back, FORGET):
-            # Stamps go on where they were, but time has passed: without a gap, windows would span what is missing.
-            stream.left_out += 1
-            stream.reason = f"the clock jumped back by {stream.back:.3g} s"
-            self.report(f"jump {topic}", f"{topic}: left out: {stream.reason}, and no window spans that")
+        if self._is_out_of_order(stream, message, stamp) or self._is_of_a_past_clock(stream, stamp):
             return
         try:
             values = self._read(stream, message)
             if self._sample_handler is not None:
                 self._sample_handler(stream.ports, stamp, values, stream.names)
         except UnusableMessage as reason:
-            if not stream.count:
-                stream.forget()
-            stream.left_out += 1
-            stream.others += isinstance(reason, OtherDevice)
-            stream.unwanted += isinstance(reason, fields.Unwanted)
-            stream.reason = str(reason)
-            self.report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
+            self._leave_out_unusable(stream, reason)
             return
         stream.last, stream.latest, stream.older, stream.back = stamp, values, 0, 0.0
         stream.taken = min(stream.taken[0], now), now
         stream.count += 1
-        delay = now - stamp
+        self._note_delay(stream, now - stamp)
+        if self._sample_handler is None:
+            self._keep(stream, stamp, values)
+
+    def _is_out_of_order(self, stream: _Stream, message: Any, stamp: float) -> bool:
+        """Return whether a message is not newer than the last one, where order matters; then it is left out."""
+        if not self._ordered or stamp > stream.last:
+            return False
+        same, older, topic = stamp == stream.last, f"{stream.last - stamp:.3g} s older", stream.topic
+        what = "a second sample" if same else f"a sample {older}"
+        self.report(f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {stream.last:.3f} s")
+        if not same or not self._is_repeated(stream, message):
+            stream.left_out += 1
+            stream.reason = f"its stamp is {'that' if same else f'{older} than that'} of another one"
+        if not same:
+            stream.older, stream.back = stream.older + 1, max(stream.back, stream.last - stamp)
+        return True
+
+    def _is_of_a_past_clock(self, stream: _Stream, stamp: float) -> bool:
+        """Return whether a message comes just after a clock that had jumped back was set right; it is left out.
+
+        Stamps go on where they were, but time has passed: without a gap, windows would span what is missing.
+        """
+        if stream.older < JUMP or stamp > stream.last + min(stream.back, FORGET):
+            return False
+        stream.left_out += 1
+        stream.reason = f"the clock jumped back by {stream.back:.3g} s"
+        text = f"{stream.topic}: left out: {stream.reason}, and no window spans that"
+        self.report(f"jump {stream.topic}", text)
+        return True
+
+    def _leave_out_unusable(self, stream: _Stream, reason: UnusableMessage) -> None:
+        if not stream.count:
+            stream.forget()
+        stream.left_out += 1
+        stream.others += isinstance(reason, OtherDevice)
+        stream.unwanted += isinstance(reason, fields.Unwanted)
+        stream.reason = str(reason)
+        self.report(f"unusable {stream.topic} {reason}", f"{stream.topic}: a message is left out: {reason}")
+
+    def _note_delay(self, stream: _Stream, delay: float) -> None:
         if delay < stream.quickest:
             stream.quickest = delay
         elif delay - stream.quickest > LATE:
-            text = f"{topic}: late: a message took {delay - stream.quickest:.3g} s longer than others"
-            self.report(f"late {topic}", text)
-        if self._sample_handler is not None:
-            return
+            text = f"{stream.topic}: late: a message took {delay - stream.quickest:.3g} s longer than others"
+            self.report(f"late {stream.topic}", text)
+
+    def _keep(self, stream: _Stream, stamp: float, values: Sequence[Any]) -> None:
+        """Keep a sample until it is processed; of too many, the older half is dropped."""
         stream.stamps.append(stamp)
         for kept, value in zip(stream.values, values, strict=True):
             kept.append(value)
         if len(stream.stamps) > _MAX_WAITING:
-            self.report(
-                f"many {topic}", f"{topic}: {_MAX_WAITING} samples wait to be processed; the oldest are dropped"
-            )
+            text = f"{stream.topic}: {_MAX_WAITING} samples wait to be processed; the oldest are dropped"
+            self.report(f"many {stream.topic}", text)
             for kept in (stream.stamps, *stream.values):
                 del kept[: _MAX_WAITING // 2]
 
