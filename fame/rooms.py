@@ -36,7 +36,7 @@ ROOMS: Mapping[str, Room] = {
         (
             *("fame.properties.judge", "fame.scenario.judging", "fame.log.judge", "fame.log.live_judge"),
             *("fame.log.bags", "fame.log.event_logs", "fame.log.recorded_events", "fame.log.xes_reading"),
-            *("fame.log.bag_reader", "fame.log.property_watch", "fame.cli.judging"),
+            *("fame.log.bag_reader", "fame.log.property_watch", "fame.log.team_judge", "fame.cli.judging"),
         ),
         "properties of a team, judged in runs, logs and on the network",
     ),

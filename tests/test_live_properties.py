@@ -20,9 +20,10 @@ from fame.deploy.requests import TaskRequest
 from fame.log import Recording, team_recorder
 from fame.log.channels import PROPERTIES
 from fame.log.clocks import DAY
-from fame.log.judge import BATTERY, judge_log
+from fame.log.judge import judge_log
 from fame.log.live_judge import LiveJudge
 from fame.log.recording_file import RecordingFile
+from fame.log.team_judge import BATTERY
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, QoS

@@ -15,8 +15,9 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.errors import ConfigError, ModelError
 from fame.log.channels import EVENTS, PROPERTIES
-from fame.log.judge import TeamJudge, reads, team_of_model
+from fame.log.judge import team_of_model
 from fame.log.recording_file import Sink
+from fame.log.team_judge import TeamJudge, reads
 from fame.middleware import messages
 from fame.middleware.interface import TopicInfo
 from fame.properties import Judgement, Property

@@ -14,8 +14,8 @@ from fame.engine.data import own_copy
 from fame.engine.state import Instance, Trail
 from fame.errors import MessageError
 from fame.log.channels import PROPERTIES
-from fame.log.judge import reads
 from fame.log.property_watch import Alarm
+from fame.log.team_judge import reads
 from fame.log.team_state import Put
 from fame.middleware import messages
 from fame.middleware.interface import ENGINE, TopicInfo
