@@ -216,6 +216,12 @@ class StateKeeper:
         kept = {name, *(self._names.get(one.deployment, "") for one in before)}
         clean = partial(self._remove_all_but, kept, envelope.order)
         self.recorder.begin_with(lambda: self.directory.write_file(name, data), clean, start, timers)
+        self.recorder.anew = partial(self._write_anew, name, data)
+
+    def _write_anew(self, name: str, data: bytes) -> None:
+        """Write what belongs to the journal besides: the deployment, and what the robot is ready to start."""
+        self.directory.write_file(name, data)
+        self._write_promises(self._kept)
 
     def _remove_all_but(self, names: Set[str], order: tuple[int, str]) -> None:
         """Remove the other deployments, as soon as no journal names them, and their promises."""
@@ -243,7 +249,7 @@ class StateKeeper:
         journal.header = {**journal.header, **description(process.engine.program)}  # of the segments that follow
         self.recorder = recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
         name = str(stored.contents.header["envelope"])
-        recorder.anew = partial(self.directory.write_file, name, self._read_file(name) or b"")
+        recorder.anew = partial(self._write_anew, name, self._read_file(name) or b"")
 
         def go_on() -> None:
             recorder.go_on(tables, self.away(stored, process), self._set_back(stored, process))

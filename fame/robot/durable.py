@@ -99,6 +99,7 @@ class DurableRecorder:
         self._reported: set[tuple[str, str]] = set()
         self._note = ""
         self.anew: Callable[[], object] = _nothing
+        self._is_bare = False  # whether another directory has taken the place of the old one, and `anew` has failed
         self._before: Callable[[], object] = _nothing
         self._start: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
@@ -114,8 +115,10 @@ class DurableRecorder:
 
     def begin(self) -> None:
         """Write the state as the beginning of a journal. Raises OSError."""
-        if self.journal.directory.lock_again():
+        self._is_bare |= self.journal.directory.lock_again()
+        if self._is_bare:
             self.anew()
+        self._is_bare = False
         self._before()
         self.journal.begin_segment(self._record(whole=True))
         self._after()
