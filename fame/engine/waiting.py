@@ -261,8 +261,12 @@ def set_timer_again(engine: EngineState, wait: Wait) -> None:
 
 
 def watch_condition(engine: EngineState, wait: Wait) -> None:
-    """Evaluate a condition now and whenever variables may have changed; its previous value counts as false."""
-    wait.true = False
+    """Evaluate a condition now and whenever variables may have changed.
+
+    After a suspension, too, it has to become true; that of a handler that has ended is armed again.
+    """
+    if wait.catch.resume:
+        wait.true = False
     engine.conditions[wait] = None
     engine.unsettled = True
     check_condition(engine, wait)

@@ -1,7 +1,7 @@
 """A host may hold all that runs, and release it: as a suspension of all, whatever is suspended in it already."""
 
 import pytest
-from engine_models import Run, catch, end, handler, path, script, signal, start, throw, timer, user
+from engine_models import Run, boundary, catch, condition, end, handler, path, script, signal, start, throw, timer, user
 
 from fame.errors import MissionError
 
@@ -26,6 +26,18 @@ def test_what_it_waits_for_is_lost_if_it_is_a_signal_and_late_if_it_is_a_time() 
     assert run.run(60).waiting == ["c"]
     run.node.release()
     assert run.run().status == "completed"
+
+
+def test_a_condition_fires_when_it_becomes_true_and_not_because_it_still_is_when_all_is_released() -> None:
+    event = boundary("b", "u", condition("x > 1"), interrupting=False)
+    content = start() + user("u") + event + end() + end("f") + path("s u e") + path("b f")
+    run = Run(content, {"x": 0}).run()
+    for value, fired in ((2, 1), (2, 1), (0, 1), (2, 2)):
+        run.node.hold()
+        run.node.set_variables({"x": value})
+        run.node.release()
+        run.run()
+        assert run.visits["f"] == fired
 
 
 def test_what_somebody_completes_meanwhile_goes_on_afterwards() -> None:
