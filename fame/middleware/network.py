@@ -114,9 +114,10 @@ class Network:
 
     def partition(self, pair: _Pair, time: int) -> Partition | None:
         """Return the partition between two robots at a time (ns)."""
-        at = time / SECOND
-        found = (one for one in self.config.partitions if one.start <= at < one.end and set(one.between) == set(pair))
-        return next(found, None)
+        for one in self.config.partitions:
+            if set(one.between) == set(pair) and round(one.start * SECOND) <= time < round(one.end * SECOND):
+                return one
+        return None
 
     def is_matched(self, pair: _Pair) -> bool:
         """Return whether the endpoints of two robots are matched now: not in a partition after the lease."""
