@@ -19,7 +19,16 @@ from fame.deploy.leader_election import SplitterStatus
 from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.sender import Sender
-from fame.deploy.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
+from fame.deploy.signing import (
+    ANOTHER_RUN,
+    Identity,
+    new_identity,
+    new_keys,
+    read_identity,
+    read_private,
+    read_trusted,
+    sign,
+)
 from fame.deploy.splitter_node import SplitterNode
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Node
@@ -312,6 +321,21 @@ def test_what_somebody_did_counts_if_a_trusted_key_signed_it(keys, tmp_path):
     end.publish(messages.create(STRING, json.dumps(changed)))
     field.pass_time(0.1)
     assert (field.said[-1].answer, field.said[-1].deployment) == ("refused", "two")
+
+
+def test_what_was_signed_for_the_engine_before_is_signed_again():
+    field, answers = Field("A"), []
+    assert not field.deploy(TASK).failed
+    asking = TaskClient(
+        "A", TaskRequest(id="one", element="ask"), node=field.middleware.node("somebody"), scheduler=field.scheduler,
+        answered=answers.append,
+    )  # fmt: skip
+    refusal = Report(robot="A", state="running", deployment="one", answer="refused", reason=ANOTHER_RUN, time=1.0)
+    asking._on_status(messages.create(STRING, refusal.to_json()))
+    assert (answers, asking.trouble) == ([], ANOTHER_RUN)
+    field.pass_time(2)
+    asking.close()
+    assert [one.answer for one in answers] == ["completed"]
 
 
 def spread(field: Guarded, text: str) -> None:

@@ -22,7 +22,7 @@ from fame.deploy import fields
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed, unreadable
 from fame.deploy.machine import unexpected
-from fame.deploy.signing import FRESH, sign
+from fame.deploy.signing import ANOTHER_RUN, FRESH, sign
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import Node
@@ -271,6 +271,8 @@ class TaskClient:
             self._protocol = report.protocol
             refused = f"it refused a message: {report.reason}" if report.answer == "refused" else ""
             self.trouble = refused or self.trouble or report.differs
+        elif report.deployment == self._request.id and report.reason == ANOTHER_RUN:
+            self.trouble = report.reason  # this engine was started meanwhile: it is asked next
         elif report.answer and report.deployment == self._request.id:
             self._next.cancel()
             self._answered(report)

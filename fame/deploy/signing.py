@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 PUBLIC_MODE = 0o644
 """The mode of a file that others may read, but not write, whatever the umask is."""
 
+ANOTHER_RUN = "signed for another run of this robot's engine: it may be a replay"
 FRESH = 300.0
 """How old a signature may be (s)."""
 
@@ -222,7 +223,7 @@ def verify(content: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now:
         text = f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)"
         raise DeploymentError(text, cause="clock")
     if content.get("born", 0) != born:
-        raise DeploymentError("signed for another run of this robot's engine: it may be a replay", cause="replay")
+        raise DeploymentError(ANOTHER_RUN, cause="replay")
 
 
 def write_public(private: Ed25519PrivateKey, path: Path) -> Ed25519PrivateKey:
