@@ -62,6 +62,7 @@ FIRST, SECOND = Thrown("s1", 0), Thrown("s2", 0)
         ((FIRST, answered("B", 0), Tick(1), answered("B", 0)), [sent("B", 1, 0)]),
         ((FIRST, answered("B", 1), answered("B", 0, "b2")), [sent("B", 1, 0, "b2")]),
         ((FIRST, answered("D", 0, "d1")), [sent("D", 1, 0, "d1")]),
+        ((FIRST, Answered("B", "b1", "a0", 7)), [sent("B", 1, 0)]),  # what it has of the thrower's life before
         ((FIRST, answered("B", 0, left=True), Tick(1)), [AskReceiver("C")]),
         ((FIRST, Tick(1, ("B", "D"))), [AskReceiver("B"), AskReceiver("C"), AskReceiver("D")]),
         (
