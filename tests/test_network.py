@@ -99,7 +99,7 @@ def test_the_same_seed_gives_the_same_and_another_robot_changes_nothing() -> Non
 def test_a_short_partition_holds_reliable_messages_back_and_loses_others() -> None:
     assert Pair(cuts=(CUT,)).publish(0, 2, 3, 7).seen == [(0, 0), (6, 1), (6, 2), (7, 3)]
     assert Pair(cuts=(CUT,), qos=SENSOR_DATA).publish(0, 2, 3, 7).numbers == [0, 3]
-    assert Pair(cuts=(Partition(("A", "B"), 1.0, 6.0000000004),)).publish(0, 2, 7).numbers == [0, 1, 2]  # between two ns
+    assert Pair(cuts=(Partition(("A", "B"), 1.0, 6.0000000004),)).publish(0, 2, 7).numbers == [0, 1, 2]  # within a ns
     newest = Pair(cuts=(CUT,), qos=QoS(depth=1)).publish(0, 2, 3, 7)
     assert newest.numbers == [0, 2, 3]
     assert newest.network.losses() == ["the network lost 1 message on /x from A to B"]

@@ -93,6 +93,14 @@ class Disk:
         self.erase()
         self.trouble, self._removed = errno.ENOENT, True
 
+    def certain(self) -> Disk:
+        """What is left of it for sure, should the power go now."""
+        disk = Disk("", self._wall_time)
+        for path, node in self._synced.items():
+            disk._files[path] = kept = Node()
+            kept.data = bytearray(node.synced)
+        return disk
+
     @property
     def content(self) -> dict[Path, bytes]:
         """What its files have."""

@@ -25,7 +25,9 @@ from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler, date_text
 from fame.engine.program import USER
 from fame.middleware.actions import ActionServer, ServerGoal
+from fame.middleware.interface import QoS
 from fame.middleware.local import LocalMiddleware
+from fame.middleware.network import Delay, Link, Network, NetworkConfig, Partition
 from fame.robot import RobotNode, make_mission
 from fame.robot.options import RobotOptions
 
@@ -37,11 +39,13 @@ NAMES = ("A", "B", "C", "D", "E")
 Step = list[Any]
 Mission = dict[str, Any]
 """``robots`` and ``calls``: steps by name; ``calm``; ``edits``: by version, those of all versions before included."""
+LAST = 99
+"""The version that is deployed at the end: a drawn mission then does nothing."""
 START = 1_700_000_000
 _DECLARED = 'xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
 LOOSE = ("break", "go", "ask", "loose")
 """Kinds in the ids of elements whose visits depend on when they are, or on how often a person repairs them."""
-IGNORED = {"helped", "loose", "unknown", "state", "recovered", "told", "goal", "mine"}
+IGNORED = {"helped", "loose", "unknown", "state", "recovered", "told", "goal", "go", "mine"}
 """Variables that a person sets, or that depend on times."""
 
 
@@ -53,6 +57,7 @@ def _properties(**named: str) -> str:
 _TOLD = {"type": "std_msgs/msg/Int32", "delivery": "acknowledged", "ttl": "100000"}
 DRIVE = "nav2_msgs/action/NavigateToPose"
 ASK = "std_srvs/srv/SetBool"
+_ALL = QoS(history="keep_all")
 _PAIR = "diagnostic_msgs/msg/KeyValue"
 GOALS = {"fast": 0, "slow": 1, "rejected": 2, "aborted": 3}
 """What the server makes of a goal: `y` of its position. `x` is its number, and its frame the robot."""
@@ -137,14 +142,19 @@ class _Lasting(_Process):
         kept = _properties(queue="5") + self.message(what)
         return self.after(before, self.node("intermediateCatchEvent", kept, "", "inbox"))
 
-    def _go(self, before: str, retry: str, how: str) -> str:
-        """A goal; one that is refused or aborted is an error, which goes on."""
+    def _go(self, before: str, retry: str, how: str, limit: str = "") -> str:
+        """A goal; one that is refused, aborted or not done within `limit` is an error, which goes on."""
         count = "done['goal'] = done.get('goal', 0) + 1\ngoal = 1000 * version + done['goal']"
         position = f"{{x: ${{goal}}, y: {GOALS[how]}, z: {RETRIES.index(retry)}}}"
         payload = f"{{pose: {{header: {{frame_id: {self.robot}}}, pose: {{position: {position}}}}}}}"
         called = _properties(action="/go", type=DRIVE, payload=payload, retry=retry)
         numbered = self.after(before, self.script(count, "number"))
         made = self.after(numbered, self.node("serviceTask", called, "", "go"))
+        if limit:
+            late = self.node("boundaryEvent", self.trigger(f"timer {limit}"), f'attachedToRef="{made}"', "go")
+            merge = self.node("exclusiveGateway", "", "", "merge")
+            self.flow(made, merge)
+            return self.after(late, merge)
         if GOALS[how] < 2:
             return made
         self.flow(made, self.node("endEvent", "", "", "loose_end"))
@@ -160,31 +170,49 @@ class _Lasting(_Process):
         return self.after(asking, self.script(f"{variable} = {variable}.success", "answered"))
 
     def _order(self, before: str, number: int) -> str:
-        """Several orders at once; each takes the answer that has its key."""
-        pair = _properties(**_TOLD | {"type": _PAIR}, payload=f"{{key: ${{loopCounter}}, value: {self.robot}}}")
-        taken = _properties(type=_PAIR, correlate="loopCounter = key", queue="1")
-        outside, self.text = self.text, []
-        thrown = self.node("intermediateThrowEvent", pair + self.message(f"order_{self.robot}"), "", "order")
-        self.flow(self.node("startEvent", "", "", "start"), thrown)
-        caught = self.node("intermediateCatchEvent", taken + self.message(f"picked_{self.robot}"), "", "picked")
-        kept = self.script(f"done[f'picked {{loopCounter}}'] = picked_{self.robot}.value", "pick")
-        self.after(self.after(self.after(thrown, caught), kept), self.node("endEvent", "", "", "end"))
+        """Several orders at once; each takes the answer that has its key, and what is sent for the ticket in that."""
+        robot, outside, self.text = self.robot, self.text, []
+        last = self.node("startEvent", "", "", "start")
+        for asks, key, answer, keys in (
+            ("order", "loopCounter", "picked", "loopCounter = key, ticket = value"),
+            ("claim", "ticket", "shipped", "ticket = key"),
+        ):
+            last = self.after(last, self._pair(asks, f"{asks}_{robot}", f"${{{key}}}", robot))
+            taken = _properties(type=_PAIR, correlate=keys, queue="10") + self.message(f"{answer}_{robot}")
+            last = self.after(last, self.node("intermediateCatchEvent", taken, "", answer))
+            kept = f"done[f'{answer} {{loopCounter}}'] = {answer}_{robot}.key + {answer}_{robot}.value"
+            last = self.after(last, self.script(kept, "keep"))
+        self.after(last, self.node("endEvent", "", "", "end"))
         loop = f"<multiInstanceLoopCharacteristics><loopCardinality>{number}</loopCardinality>"
         content, self.text = "".join(self.text) + loop + "</multiInstanceLoopCharacteristics>", outside
         return self.after(before, self.node("subProcess", content, "", "orders"))
 
     def _serve(self, before: str, robot: str) -> str:
-        """An order of another robot, which is answered."""
-        order = f"order_{robot}"
-        taken = self.node(
-            "intermediateCatchEvent", _properties(type=_PAIR, queue="50") + self.message(order), "", "serve"
+        """An order of another robot, which is answered; before what its ticket is for, something that it is not for."""
+        for asked, answers in (("order", [("picked", "")]), ("claim", [("shipped", "nobody"), ("shipped", "")])):
+            message = f"{asked}_{robot}"
+            taken = _properties(type=_PAIR, queue="50") + self.message(message)
+            before = self.after(before, self.node("intermediateCatchEvent", taken, "", "serve"))
+            for answer, other in answers:
+                key = f"${{{message}.key}}"
+                before = self.after(before, self._pair(answer, f"{answer}_{robot}", other or key, f"{robot}{key}"))
+        return before
+
+    def _pair(self, kind: str, message: str, key: str, value: str) -> str:
+        """An acknowledged message with a key and a value."""
+        pair = _properties(**_TOLD | {"type": _PAIR}, payload=f"{{key: {key}, value: {value}}}")
+        return self.node("intermediateThrowEvent", pair + self.message(message), "", kind)
+
+    def _alert(self, before: str) -> str:
+        """A condition beside others, which becomes true, and stays so for a while: its handler runs once."""
+        flag = f"flag_{self._place[0]}"
+        host = self._sub(
+            before, [["run", 2000 + self._place[0], f"{flag} = True"], ["timer", 3000 + self._place[0], "PT3S"]]
         )
-        payload = f"{{key: ${{{order}.key}}, value: {robot}${{{order}.key}}}}"
-        pair = _properties(**_TOLD | {"type": _PAIR}, payload=payload)
-        return self.after(
-            self.after(before, taken),
-            self.node("intermediateThrowEvent", pair + self.message(f"picked_{robot}"), "", "picked"),
-        )
+        condition = f"<conditionalEventDefinition><condition>{flag}</condition></conditionalEventDefinition>"
+        event = self.node("boundaryEvent", condition, f'attachedToRef="{host}" cancelActivity="false"', "alert")
+        self.after(self.after(event, self.counted("alerted")), self.node("endEvent", "", "", "end"))
+        return host
 
     def _until(self, before: str, body: Sequence[Step]) -> str:
         """A branch that waits for a condition which another one makes true."""
@@ -273,6 +301,8 @@ class _Lasting(_Process):
 
 def text_of(mission: Mission, version: int) -> str:
     """The BPMN of a version."""
+    if version == LAST:
+        mission = {"robots": {name: [["timer", 1, "PT1H"]] for name in mission["robots"]}, "calls": {}, "edits": {}}
     edited = edits_of(mission, version)
     processes, pools, signals, messages = list[str](), list[str](), set[str](), set[str]()
     for name, steps in {**mission["calls"], **mission["robots"]}.items():
@@ -370,7 +400,7 @@ def draw(seed: int) -> Mission:
     mission = _explored(seed) if chance.random() < 0.08 else _Drawing(chance, calm=chance.random() < 0.88).mission()
     steps = [step for part in ("robots", "calls") for all in mission[part].values() for step in _editable(all)]
     for version in ("2", "3", "4"):
-        if steps and chance.random() < 0.6:
+        if steps and chance.random() < 0.8:
             mission["edits"][version] = [_edit(chance, chance.choice(steps)) for _ in range(chance.randint(1, 3))]
     return mission
 
@@ -432,7 +462,7 @@ def _explored(seed: int) -> Mission:
 
 
 RETRIES = ("safe", "never", "ask")
-_SIMPLE = ("work", "work", "timer", "timer", "note", "person", "break", "tell", "go", "ask", "date")
+_SIMPLE = ("work", "work", "timer", "timer", "note", "person", "break", "tell", "go", "go", "ask", "date", "alert")
 _NESTED = ("and", "and", "each", "turns", "sub", "call", "own", "until", "times", "limit", "caught", "undo", "some",
            "mapped", "pause")  # fmt: skip
 _WILD = ("throw", "catch", "queue", "send", "inbox", "race", "resume", "beside", "watch", "guard", "scope", "fail")
@@ -474,6 +504,11 @@ class _Drawing:
                 robots[name] = [["and", self.next(), robots[name], *hears]]
         for name, branches in serves.items():
             robots[name] = [["and", self.next(), robots[name], *branches]]
+        if not self.calm and self.chance.random() < 0.4:  # one robot runs as often as the others throw
+            robots = {**robots, names[-1]: [["start", self.next(), "s"], *_quiet(robots[names[-1]])]}
+            robots[names[0]] = [
+                ["times", self.next(), 3, [["timer", self.next(), "PT3S"], ["throw", self.next(), "s"]]]
+            ]
         return {"robots": robots, "calls": calls, "calm": self.calm, "edits": {}}
 
     def next(self) -> int:
@@ -483,14 +518,14 @@ class _Drawing:
     def steps(self, depth: int, most: int = 2, *, alone: bool = False) -> list[Step]:
         return [self.step(depth, alone=alone) for _ in range(self.chance.randint(1, most))]
 
-    def step(self, depth: int, *, alone: bool = False) -> Step:
-        """`alone`: in a process that others call, with their variables or its own."""
+    def step(self, depth: int, *, alone: bool = False, nests: bool = False) -> Step:
+        """`alone`: in a process that others call, with their variables or its own. `nests`: in another pause."""
         chance, number = self.chance, self.next()
         kinds = [*self._simple, *self._nested, *(() if self.calm else self._wild)]
         kind = chance.choice([kind for kind in kinds if depth < 2 or kind in _LEAVES])
         if alone and kind in ("tell", "go", "ask", "call", "own", "break"):
             kind = "work"
-        if depth and kind == "pause":  # its signal would reach others of its scope
+        if depth and kind == "pause" and not nests:  # its signal would reach others of its scope
             kind = "sub"
         body = lambda: self.steps(depth + 1, alone=alone)  # noqa: E731
         match kind:
@@ -501,7 +536,14 @@ class _Drawing:
             case "work":
                 return [kind, number, chance.choice(("0.5", "2", "5"))]
             case "go":
-                return [kind, number, chance.choice(RETRIES), chance.choice((*GOALS, "fast"))]
+                how = chance.choice((*GOALS, "fast", "slow"))
+                return [
+                    kind,
+                    number,
+                    chance.choice(RETRIES),
+                    how,
+                    *["PT2S"] * (how == "slow" and chance.random() < 0.5),
+                ]
             case "ask":
                 return [kind, number, chance.choice(("true", "false")), chance.choice(RETRIES)]
             case "and":
@@ -515,9 +557,15 @@ class _Drawing:
             case "mapped":
                 return [kind, number, self.steps(2, alone=True)]
             case "pause":
-                trigger, handler = f"pause{number}", [["work", self.next(), chance.choice(("1", "6"))]]
-                throwing = [["timer", self.next(), "PT1.5S"], ["throw", self.next(), trigger]]
-                return ["resume", number, [["and", self.next(), throwing, body()]], trigger, handler]
+                trigger = f"pause{number}"
+                handler = [[*chance.choice((("timer", "PT1S"), ("timer", "PT6S"), ("work", "6")))]]
+                handler[0].insert(1, self.next())
+                throwing = [
+                    ["timer", self.next(), chance.choice(("PT0.5S", "PT1.5S"))],
+                    ["throw", self.next(), trigger],
+                ]
+                inner = [self.step(1, nests=not (depth or self.calm)) for _ in range(chance.randint(1, 2))]
+                return ["resume", number, [["and", self.next(), throwing, inner]], trigger, handler]
             case "call" | "own":
                 return [kind, number, "Help"]
             case "limit":
@@ -595,10 +643,22 @@ def _is_loose(id: str) -> bool:
 
 
 @lru_cache(maxsize=16)
-def reference(text: str) -> dict[str, Outcome]:
-    """What becomes of each robot where nothing fails: bare engines, and a person who helps at once."""
-    scheduler, definitions = Scheduler(), read_text(text)
-    middleware = LocalMiddleware(scheduler)
+def reference(text: str) -> tuple[dict[str, Outcome], list[str]]:
+    """What becomes of each robot where nothing fails: bare engines, and a person who helps at once.
+
+    They share the simulated network of ``fame run``, with short partitions: also what does not hold of that.
+    """
+    scheduler, definitions, chance = Scheduler(), read_text(text), random.Random(text)
+    robots = [pool.name for pool in pools_of(definitions)]
+    begins = [(chance.sample(robots, 2), chance.uniform(0, 10)) for _ in range(3)]
+    cuts = [Partition((one, other), begin, begin + chance.uniform(1, 9)) for (one, other), begin in begins]
+    links = (Link(Delay("uniform", 0, 0.1)),)
+    middleware = LocalMiddleware(scheduler, network=Network(NetworkConfig(links, tuple(cuts)), 0, scheduler))
+    telling = [name for name in robots if f'"{name}_tell_' in text]
+    arrived = {(name, other): list[int]() for other in telling for name in robots if name != other}
+    for (name, other), counts in arrived.items():
+        observer = middleware.node("observer", name)
+        observer.subscription(f"/tell_{other}", _TOLD["type"], lambda one, counts=counts: counts.append(one.data), _ALL)
     base = middleware.node("base")
     server = ActionServer(base, "/go", DRIVE, end_goal, lambda goal: True, accept=accepts)
     base.service("/ask", ASK, lambda request: {"success": request.data})
@@ -628,7 +688,10 @@ def reference(text: str) -> dict[str, Outcome]:
     for node in nodes:
         node.close()
     server.close()
-    return found
+    wrong = [
+        f"{name} hears {counts} of {other}" for (name, other), counts in arrived.items() if counts != sorted(counts)
+    ]
+    return found, wrong
 
 
 def accepts(goal: Any) -> bool:

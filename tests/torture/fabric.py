@@ -52,7 +52,9 @@ class Fabric:
         self.twice = 0.0  # probability that a message of a protocol which repeats itself arrives again
         self.struck: Counter[str] = Counter()
         self.published: dict[str, list[tuple[float, str, AnyMessage]]] = {}  # topic -> (s, process, message)
-        self.on_published: dict[str, Callable[[str], object]] = {}  # by topic or service; gets the process
+        self.on_published: dict[
+            str, Callable[[str, str], object]
+        ] = {}  # by topic or service; gets that, and the process
 
     def join(self, process: Process) -> Wire:
         """The middleware of a new process."""
@@ -70,7 +72,7 @@ class Fabric:
         """A message, or the request of a service, leaves."""
         self.published.setdefault(end.topic, []).append((self.scheduler.now / SECOND, end.wire.id, message))
         if end.topic in self.on_published:
-            self.on_published[end.topic](end.wire.id)
+            self.on_published[end.topic](end.topic, end.wire.id)
 
     def leave(self, wire: Wire) -> None:
         """A process is killed: the others notice after the lease."""

@@ -10,20 +10,18 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from fame.clock import SECOND
+from fame.deploy.signing import ANOTHER_RUN
 from fame.engine import Instance
 from fame.engine.state import Mailbox
 from fame.middleware.codec import deserialize
 
-from .drawn import RETRIES, edits_of, help_needed, kinds_met, outcome_of, reference
+from .drawn import LAST, RETRIES, edits_of, help_needed, kinds_met, outcome_of, reference
 from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
 from .processes import ids_of
 from .states import differences
 from .team import SEND_GOAL, STRANGER, Said, Team
-
-LAST = 99
-"""The version that is deployed at the end."""
 
 
 def judge(team: Team) -> list[str]:
@@ -212,7 +210,8 @@ def sent_again(team: Team) -> Iterator[str]:
 def started_alone(team: Team) -> Iterator[str]:
     """What one robot has started, all others start, or something newer; or they say that they hold.
 
-    A splitter gives what runs to one that has come back, alone.
+    A splitter gives what runs to one that has come back, alone. One that lost its power before it could answer has
+    started what it runs.
     """
     started = dict.fromkeys(said.deployment for said in team.said if said.answer == "started")
     for deployment in [one for one in started if one.startswith("sender")]:
@@ -221,6 +220,7 @@ def started_alone(team: Team) -> Iterator[str]:
             newer = any(one.robot == name and one.answer == "started" and one.time >= first for one in team.said)
             holds = robot.engine is None or robot.engine.state in ("holding", "suspended", "loading", "ready")
             free = not robot.durable or robot.spoilt or (name, deployment) in team.released
+            free = free or (robot.engine is not None and robot.engine.deployed == deployment)
             if not (newer or holds or free):
                 yield f"{name} has not started {deployment}, which others have"
 
@@ -279,7 +279,8 @@ def unlike_reference(team: Team) -> Iterator[str]:
     if any(robot.engine is None or robot.engine.state == "holding" for robot in robots):
         return  # others wait for it
     team.struck["missions compared with a reference"] += 1
-    should = reference(team.text(first))
+    should, wrong = reference(team.text(first))
+    yield from wrong
     for robot in robots:
         assert robot.engine is not None
         if robot.engine.running is not None:
@@ -434,14 +435,19 @@ def _unreported(team: Team, robot: str, counts: list[int]) -> Iterator[str]:
 
 
 def repairs(team: Team) -> Iterator[str]:
-    """What a person asks for is done once, however often it is asked: an engine gives one answer to each request."""
+    """What a person asks for is done once, however often it is asked: an engine gives one answer to each request.
+
+    Nor is it done if the person is told that it is refused.
+    """
     answers: dict[tuple[str, str], set[str]] = {}
     for said in team.said:
-        if said.deployment.startswith("person"):
+        if said.deployment.startswith("person") and said.reason != ANOTHER_RUN:  # it is asked again
             answers.setdefault((said.process, said.deployment), set()).add(said.answer)
     for (process, request), found in answers.items():
         if len(found) > 1:
             yield f"{process} has answered {', '.join(sorted(found))} to {request}"
+        if found != {"refused"} and team.told.get(request) == "refused":
+            yield f"{process} has answered {', '.join(sorted(found))} to {request}, of which its person knows a refusal"
 
 
 def works(team: Team) -> Iterator[str]:

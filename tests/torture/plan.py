@@ -203,13 +203,13 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
     steps = [Step(_rounded(chance.uniform(0, 2)), "start", robot) for robot in names]
     keep = chance.random() < 0.95
     steps += [Step(0.0, "directory", robot) for robot in names if keep or chance.random() < 0.5]
-    alone = chance.random() < 0.5  # what strikes is drawn here alone, while the mission runs
+    alone = chance.random() < 0.65  # what strikes is drawn here alone, while the mission runs
     for step in plan.steps if not alone else _first(plan.steps, chance):
         words = [cast.get(word, word) for word in step.target.split()]
         robot, _, answer = step.on.partition(" ")
         on = f"{cast[robot]} {answer}" if step.on else ""
         foreign = step.kind in _OF_MISSIONS or step.kind.endswith(" monitor") or "monitor" in words
-        foreign = foreign or (step.kind in ("flip", "erase") and chance.random() < 0.7)
+        foreign = foreign or (step.kind in ("flip", "erase") and chance.random() < 0.85)
         if not foreign and len(set(words)) == len(words):
             steps.append(replace(step, target=" ".join(words), on=on))
     begun = min((step.time for step in plan.steps if step.kind in ("deploy", "diagram")), default=2.0)
@@ -219,15 +219,31 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
         steps += _around(chance, names, chance.uniform(begun + 1, heal - 3))
     acts = chance.sample(ACTS, 5)
     for _ in range(chance.choice((0, 0, 3, 8))):
-        value = [chance.choice(acts), chance.randrange(100), _rounded(chance.choice((0, 1, 8)) * chance.random())]
-        steps.append(_act(chance, names, Step(_rounded(chance.uniform(begun, heal)), "act", "", value)))
-    if chance.random() < 0.15:  # one or two senders more
-        version, kind = chance.randint(1, 4), chance.choice(("deploy", "migrate", "migrate"))
-        more = _act(chance, names, Step(_rounded(chance.uniform(begun, heal)), kind, str(version), version))
-        steps += [replace(more, kind=chance.choice(("deploy", "migrate"))), more][chance.randrange(2) :]
-    if chance.random() < 0.2:
+        steps.append(_act(chance, names, _wanted(chance, acts, chance.uniform(begun, heal))))
+    if chance.random() < 0.4:
+        steps += _replaced(chance, names, chance.uniform(begun + 3, heal - 4))
+    if chance.random() < 0.25:
         steps.append(Step(0.0, "stubborn"))
     return Plan(plan.seed, _sorted(step for step in steps if step.time < heal), heal, mission)
+
+
+def _wanted(chance: random.Random, acts: Sequence[str], time: float) -> Step:
+    """One of these acts."""
+    value = [chance.choice(acts), chance.randrange(100), _rounded(chance.choice((0, 1, 8)) * chance.random())]
+    return Step(_rounded(time), "act", "", value)
+
+
+def _replaced(chance: random.Random, names: Sequence[str], time: float) -> list[Step]:
+    """Another version comes, mostly by a migration; from two senders, one that is stopped, or beside acts."""
+    version, robot, time = chance.randint(2, 4), chance.choice(names), _rounded(time)
+    kinds = [chance.choice(("migrate", "migrate", "migrate", "deploy")) for _ in range(chance.choice((1, 1, 1, 2)))]
+    steps = [Step(_rounded(time + n * chance.random()), kind, str(version), version) for n, kind in enumerate(kinds)]
+    if chance.random() < 0.15:
+        steps.append(Step(time, "stop sender", "", _rounded(chance.uniform(5, 25)), f"{robot} ready"))
+    if chance.random() < 0.4:
+        wanted = [_wanted(chance, ("move", "skip", "complete", "retry", "set", "restart"), time) for _ in range(2)]
+        steps += [replace(step, target=robot, on=f"{robot} ready") for step in wanted]
+    return steps
 
 
 def _act(chance: random.Random, names: Sequence[str], step: Step) -> Step:
@@ -260,18 +276,25 @@ def _first(steps: Sequence[Step], chance: random.Random) -> list[Step]:
     return [*deploys[:1], *more, *(step for step in steps if step.kind in ("keys", "splitter"))]
 
 
+_ROW = {"kill": 20, "power": 8, "fuse": 6, "full": 6, "memory": 3, "removed": 1}
+"""What strikes a robot again and again, and how often."""
+
+
 def _row(chance: random.Random, robot: str, time: float) -> list[Step]:
     """A robot crashes two or three times, each time soon after it is back."""
     steps = []
+    if chance.random() < 0.3:  # while somebody has suspended it, or has asked for something else
+        acts = ("suspend", "suspend", "suspend", "take_over", "steer", "complete", "set")
+        steps.append(replace(_wanted(chance, acts, time - chance.uniform(0.2, 2)), target=robot))
     for _ in range(chance.choice((1, 2, 2, 3))):
         away = _rounded(chance.choice((0.2, 1.0, 4.0)) * (0.5 + chance.random()))
-        kind = chance.choice(("kill", "kill", "kill", "kill", "power", "fuse", "full", "memory", "removed"))
+        kind = chance.choices(*zip(*_ROW.items(), strict=True))[0]
         value = {"fuse": [chance.choice((0, chance.randrange(12))), away], "full": [chance.randrange(3000), away]}
         on = f"{robot} started" if kind == "fuse" and chance.random() < 0.3 else ""
         steps.append(Step(_rounded(time), kind, robot, value.get(kind, away), on))
         if kind == "full":  # and again, until it is removed
             steps.append(Step(_rounded(time + away + 0.5), kind, robot, [chance.randrange(3000), away]))
-            steps += [Step(_rounded(time + 2 * away), "removed", robot, away)] * (chance.random() < 0.3)
+            steps += [Step(_rounded(time + 2 * away), "removed", robot, away)] * (chance.random() < 0.1)
         if chance.random() < 0.05:
             steps.append(
                 Step(

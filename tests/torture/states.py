@@ -8,7 +8,7 @@ had when it was killed. Nor does a migration, but for what the new model lacks.
 from __future__ import annotations
 
 import re
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,12 +17,16 @@ from fame.clock import SECOND
 from fame.deploy import EngineNode
 from fame.engine.program import Body, Node
 from fame.engine.repair import AT_INCIDENT
+from fame.engine.snapshot import all_scopes, all_waits
 from fame.engine.state import Continuation, Instance, Mailbox, Record, Scope, Wait
 from fame.middleware import messages
 from fame.robot import Event, RobotNode
 from fame.robot.durable import DurableRecorder
+from fame.robot.journal import read_segment
 from fame.robot.restoring import epoch_of
+from fame.robot.state_tables import fold
 
+from .disks import Disk
 from .processes import Process
 
 State = dict[str, Any]
@@ -32,7 +36,7 @@ _NOT_STATE = {
     "body", "counts", "depth", "scopes", "instance", "error",
 }  # fmt: skip
 """Attributes that follow from others, or belong to a stimulus or to the host."""
-_CHANGING = re.compile("^(moved to|set |skipped|failed|restarted|retried .* x)|starts from the beginning")
+_CHANGING = re.compile("^(moved to|skipped|failed|restarted|retried .* x)|starts from the beginning")
 _EARLY = SECOND // 1000
 """Dates of a process are those of its clock, to the microsecond."""
 
@@ -52,6 +56,7 @@ def state_of(node: RobotNode) -> State:
         "incidents": sorted([one.node.id, *what] for one, what in engine.incidents.items()),
         "totals": [node.started, node.completed, node.failed],
         "suspension": node.suspension.by,
+        "signals": _signals(node),
         "ended": {
             f"{one.key}": [one.status, _visits(node, one), writer.write(one.variables), str(one.error or "")]
             for one in [one for one in node.instances if one.status != "running"][-10:]
@@ -59,10 +64,52 @@ def state_of(node: RobotNode) -> State:
     }
 
 
+def _signals(node: RobotNode) -> State:
+    """Which acknowledged signals it has thrown, and accepted."""
+    if (signals := node.acknowledged) is None:
+        return {}
+    return {
+        "thrown": {name: one.last for name, one in signals.outgoing.items()},
+        "accepted": {name: sorted(map(str, one.accepted.items())) for name, one in signals.incoming.items()},
+    }
+
+
 def _visits(node: RobotNode, instance: Instance) -> dict[str, int]:
     """How often each element was entered; of those alone that a migration has left: a record has no others."""
     elements = set(node.engine.program.elements)
     return {element: count for element, count in instance.visits.items() if element in elements}
+
+
+def disorder(node: RobotNode) -> Iterator[str]:
+    """What is armed or in progress without a token that it belongs to, twice, or although that is suspended."""
+    engine, runner = node.engine, node.runner
+    waits = dict.fromkeys(all_waits(all_scopes(engine)))
+    heard = [wait for one in engine.listeners.values() for wait in one if isinstance(wait, Wait)] + [*engine.conditions]
+    for wait in dict.fromkeys([*engine.waits.values(), *heard]):
+        if wait not in waits:
+            yield f"waits at {wait.node.id} without an activity that is active"
+    for wait in heard:
+        if wait.paused:
+            yield f"listens at {wait.node.id}, which is suspended"
+    for (_, armed), number in Counter(
+        (wait.owner or wait.scope, wait.node) for wait in waits if not wait.token
+    ).items():
+        if number > 1:
+            yield f"waits at {armed.id} {number} times for one activity"
+    for key, task in runner._tasks.items():
+        if not task.leaving and ((one := engine.waits.get(key)) is None or one.paused):
+            yield f"goes on with {task.request}, of a token that {'is suspended' if one else 'has left'}"
+    if node.holds and engine.held is None:
+        yield f"goes on, and holds for {sorted(node.holds)}"
+
+
+def stored(disk: Disk) -> dict[str, Any]:
+    """The tables of the newest journal on a disk."""
+    tables: dict[str, Any] = {}
+    if paths := [path for path in disk.content if path.name.removeprefix("journal-").isdecimal()]:
+        for change in read_segment(max(paths), disk).records():
+            fold(tables, change)
+    return tables
 
 
 def timers_of(node: RobotNode) -> dict[int, int]:
@@ -180,6 +227,9 @@ class Witness:
                 self.wrong(f"does not hold, with an incident at {[one.node.id for one in node.engine.incidents]}")
             if node.holds - {"deployment"} and engine.state == "running":
                 self.wrong(f"says that it is running, and holds for {sorted(node.holds)}")
+            if not engine._no_memory and not engine.resuming:
+                for text in disorder(node):
+                    self.wrong(text)
             self.held_for(now, engine)
 
     @property
@@ -244,7 +294,9 @@ class Witness:
             new, engine._anew = set(candidate.process.engine.program.elements), ""
             had, dues = _kept(engine.running, new), _dues(engine.running, new)
             go_on, timers = take_over(candidate, before)
-            if not engine._anew and (wrong := list(differences(had, _kept(candidate.process, new)))):
+            if engine._anew:
+                self.wrong(f"was ready to migrate, and {engine._anew}")
+            elif wrong := list(differences(had, _kept(candidate.process, new))):
                 self.wrong(f"has forgotten in a migration: {'; '.join(wrong[:3])}")
 
             def gone_on() -> object:
@@ -288,8 +340,8 @@ class Witness:
                 "requests": {int(key): ids for key, ids in tables.get("requests", {}).items()},
                 "goals": {int(key): goal for key, goal in tables.get("goals", {}).items()},
                 "next": tables["recorder"]["next"],
-                "cancelled": sorted(tables.get("cancelled", ())),
-            }
+                "cancelled": sorted({*tables.get("cancelled", ())}.intersection(requests["cancelled"])),
+            }  # a goal that has ended since the last record is cancelled once more, in vain
             found += differences(requests, stored)
             waits = {*process.engine.waits, *process.engine.armed_starts}
             original(tables, away, set_back)

@@ -17,8 +17,8 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from fame.bpmn import reader
 from fame.bpmn.model import Definitions
-from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Entry, Kind
 from fame.deploy import Deployment, EngineNode, engines
 from fame.deploy.assignment import assign_robots
@@ -46,7 +46,7 @@ from .fabric import Fabric, Wire
 from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
 from .processes import Machine, Process, Timeline
-from .states import Witness
+from .states import Witness, stored
 
 SEND_GOAL = "/go/_action/send_goal"
 STRANGER = 66
@@ -147,9 +147,9 @@ class Team:
     def __post_init__(self) -> None:
         self.fabric = Fabric(self.scheduler, self.plan.seed)
         effects = *(f"/tell_{name}" for name in self.plan.robots), SEND_GOAL, "/ask"
-        self.fabric.on_published = {WORK: partial(self._on_effect, 0.0)} | dict.fromkeys(
-            effects if self.plan.mission is not None else (), partial(self._on_effect, 1.0)
-        )
+        self.fabric.on_published = {WORK: partial(self._on_effect, 0.0), "/tick": partial(self._check_written, "n")}
+        if self.plan.mission is not None:
+            self.fabric.on_published |= dict.fromkeys(effects, partial(self._on_effect, 1.0))
         self.machines = {name: Machine(name, self.scheduler, self.plan.seed) for name in (*self.plan.robots, DESK)}
         self.robots = {name: Robot(name, self.machines[name]) for name in self.plan.robots}
         for robot in self.robots.values():
@@ -167,10 +167,14 @@ class Team:
         self.programs["monitor"] = Program(
             "monitor", Machine("monitor", self.scheduler, self.plan.seed), self._begin_monitor
         )
+        self.told: dict[str, str] = {}  # by request: what its person was told
         self.held = set[str]()  # robots that have held a deployment
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
         self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
+        self._begun: dict[tuple[str, bytes], float] = {}  # by process of the server and goal: when (s); -1: cancelled
+        self._sent: dict[tuple[str, str, int], bytes] = {}  # by process of the server, robot and number: the last goal
+        self._lost: dict[bytes, float] = {}  # goals that no task waits for, since when (s)
         self.stubborn = False  # whether the server refuses to cancel goals, which then go on for long
         self.refused: dict[bytes, tuple[float, str]] = {}  # goals that it does not cancel: since when (s), whose
         self.senders: list[Sender] = []
@@ -205,6 +209,8 @@ class Team:
         """Let simulated time pass."""
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
         self._check_refused()
+        if self.plan.mission is not None:
+            self._check_followed()
         for robot in self.robots.values():
             robot.witness.look(self.scheduler.now / SECOND, robot.process, robot.engine)
             if robot.witness.held:
@@ -324,7 +330,9 @@ class Team:
                     return False
                 robot.process.soon(robot.engine._on_no_memory)
                 robot.excuses.append((self.scheduler.now / SECOND, "crash"))
-                robot.spoilt |= robot.machine.disk.removed
+                if robot.machine.disk.removed:  # all that it had is lost with it
+                    robot.spoilt = True
+                    self.released |= {(one.robot, one.deployment) for one in self.said if one.robot == robot.name}
             case "stop":
                 process = self.robots[step.target].process
                 if process is None or process.stopped:
@@ -453,7 +461,7 @@ class Team:
         )
 
     def _begin_server(self, process: Process, wire: Wire) -> ActionServer:
-        """The server of the action `/go`: a goal takes 0.3 s or 4 s, one that it refuses to cancel 12 s more.
+        """The server of the action `/go`: a goal takes 0.3 s or 6 s, one that it refuses to cancel 12 s more.
 
         The service `/ask` takes 0.2 s or 2 s.
         """
@@ -461,8 +469,10 @@ class Team:
         def go(goal: ServerGoal) -> None:
             place = goal.message.pose.pose.position
             self.goals.append((process.name, round(place.x)))
+            if self.plan.mission is not None:
+                self._check_goal(goal, process.name)
             slow = round(place.y) == GOALS["slow"]
-            process.after((40 if slow else 3) * SECOND // 10, lambda: goal.id in self.refused or end_goal(goal))
+            process.after((60 if slow else 3) * SECOND // 10, lambda: goal.id in self.refused or end_goal(goal))
 
         def ask(request: Any) -> DeferredResponse:
             response = DeferredResponse()
@@ -480,6 +490,7 @@ class Team:
                 self.refused[goal.id] = self.scheduler.now / SECOND, robot
                 process.after(12 * SECOND, partial(end, goal))
             elif not self.stubborn:
+                self._begun[process.name, goal.id] = -1.0
                 goal.end("canceled", {})
             return not self.stubborn
 
@@ -569,11 +580,60 @@ class Team:
         ):
             robot.excuses.append((now, "cancel"))
 
-    def _on_effect(self, longest: float, process: str) -> None:
+    def _check_written(self, variable: str, topic: str, process: str) -> None:
+        """What leaves is on the disk: should the power go now, its robot would know of it."""
+        robot, count = self.robots[process.partition("#")[0]], self.fabric.published[topic][-1][2].data
+        if not robot.durable or robot.spoilt or robot.machine.disk.removed:
+            return
+        tables = stored(robot.machine.disk.certain())
+        found = [(key.rpartition(" ")[2], value) for key, value in tables.get("values", {}).items()]
+        found += [pair for ended in tables.get("ended", {}).values() for pair in ended["values"].items()]
+        known = [value for name, value in found if name == variable]
+        known += [
+            value[variable] + count // 1000 * 1000 for name, value in found if name == "done" and variable in value
+        ]
+        if not any(one >= count for one in known):
+            self.problems.append(f"{robot.name} says {count} on {topic}, and has only {known} on its disk")
+
+    def _on_effect(self, longest: float, topic: str, process: str) -> None:
         """Nothing is done while its mission is held, but what is on its way to the disk, for at most `longest` s."""
         robot = self.robots[process.partition("#")[0]]
-        if robot.engine is not None and robot.witness.held_for(self.scheduler.now / SECOND, robot.engine) >= longest:
+        node = robot.engine.running if robot.engine is not None else None
+        late = robot.engine is not None and robot.witness.held_for(self.scheduler.now / SECOND, robot.engine) >= longest
+        if late and node is not None and node.holds != {"disk"}:  # what a full disk has held leaves when it can
             self.problems.append(f"{robot.name} works while its mission is suspended")
+        if topic.startswith("/tell_"):
+            self._check_written("told", topic, process)
+
+    def _check_goal(self, goal: ServerGoal, server: str) -> None:
+        """A goal is executed once; another one for the same, after a crash too, only if it is cancelled before."""
+        robot, number = self.robots[goal.message.pose.header.frame_id], round(goal.message.pose.pose.position.x)
+        last = self._sent.get((server, robot.name, number), b"")
+        since, now = self._begun.get((server, last), -1.0), self.scheduler.now / SECOND
+        if (server, goal.id) in self._begun:
+            self.problems.append(f"the server executes goal {number} of {robot.name} twice")
+        excused = any(since <= time <= now and why in ("cancel", "server") for time, why in robot.excuses)
+        if since >= 0 and robot.durable and not (robot.spoilt or excused):
+            self.problems.append(f"{robot.name} has sent its goal {number} again, which its server has")
+        self._sent[server, robot.name, number], self._begun[server, goal.id] = goal.id, now
+
+    def _check_followed(self) -> None:
+        """A goal that is executed is one that a task waits for, or was cancelled and is not lost sight of."""
+        program, lost = self.programs["server"], dict[bytes, float]()
+        healthy = program.process is not None and not program.process.stopped and not +self.fabric.cuts
+        now = self.scheduler.now / SECOND
+        for goal in program.node.goals.values() if healthy and isinstance(program.node, ActionServer) else ():
+            robot = self.robots[goal.message.pose.header.frame_id or "A"]
+            node = robot.engine.running if robot.engine is not None else None
+            recorder = node.host.recorder if node is not None else None
+            if robot.spoilt or robot.process is None or robot.process.stopped or recorder is None:
+                continue
+            known = {sent[0] for wait, sent in recorder._goals.items() if wait.alive}
+            if goal.id.hex() not in known.union(node.runner.cancelled.table()) and not robot.engine.resuming:
+                lost[goal.id] = self._lost.get(goal.id, now)
+                if now - lost[goal.id] > 3 + self.fabric.delay:
+                    self.problems.append(f"a goal of {robot.name} goes on that no task waits for")
+        self._lost = lost
 
     def _check_refused(self) -> None:
         """What robots have cancelled in vain for longer than `BOUND` is in their reports, unless they were away."""
@@ -708,7 +768,7 @@ class Team:
         if self.plan.mission is None:
             return mission(version, self.more)
         if version not in self._read:
-            self._read[version] = read_text(self.text(version), file=f"version_{version}.bpmn")
+            self._read[version] = reader.read_text(self.text(version), file=f"version_{version}.bpmn")
         return self._read[version]
 
     def _private(self, name: str) -> Ed25519PrivateKey:
@@ -861,6 +921,7 @@ class Team:
 
         def answered(report: Report) -> None:
             self.note(f"{process.name}: {robot} {report.answer} {report.reason}".rstrip())
+            self.told[requests[0].id] = report.answer
             client.close()
             if report.answer != "refused":
                 self._request(robot, process, wire, requests[1:], asking)
