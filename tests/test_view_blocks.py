@@ -18,7 +18,8 @@ from fame.robot.robot_state import RobotState, ScopeState
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
 from fame.view.blocks import COLUMNS, Packer
-from fame.view.catalogue import Catalogue
+from fame.view.catalogue import NOWHERE, Catalogue
+from fame.view.mission import place_of, role_of
 from fame.view.replay import Replay
 from fame.view.state import WHATS
 
@@ -104,6 +105,15 @@ def test_what_is_inside_a_call_knows_its_call(recording: Path) -> None:
         rows = [row for block in replay._packer.blocks for row in block.lists["scopes"]]
         openers = {replay.catalogue.elements[opener].element.label for row in rows for opener in row[4]}
         assert {"Take Off", "Explore", "Go To"} <= openers
+
+
+def test_a_robot_waits_no_more_for_the_starts_of_a_process_that_it_no_longer_runs() -> None:
+    packer = packer_of("ground_vehicles.bpmn")
+    packer.run(0, [0])
+    robot = role_of(packer.catalogue, "DINGO")
+    assert robot["starts"]
+    assert robot | place_of(packer, 0, "Gone") == {"plane": NOWHERE, "pool": NOWHERE, "starts": []}
+    assert robot | role_of(packer.catalogue, "Nobody") == {"pool": NOWHERE, "starts": []}
 
 
 def test_a_page_that_knows_part_of_a_block_gets_the_rest() -> None:

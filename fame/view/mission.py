@@ -55,7 +55,7 @@ def place_of(packer: Packer, robot: int, process: str) -> dict[str, Any]:
     """Return the drawing, the pool and the start events of the process (id) that a robot runs."""
     catalogue, number = packer.catalogue, packer.element(robot, process)
     if number == NOWHERE:
-        return {"plane": NOWHERE, "pool": NOWHERE}
+        return {"plane": NOWHERE, "pool": NOWHERE, "starts": []}
     pool, starts = catalogue.pool_of(number), catalogue.starts_of(number)
     return {"plane": catalogue.plane_of(number), "pool": pool, "starts": starts}
 
@@ -71,4 +71,4 @@ def role_of(catalogue: Catalogue, robot: str) -> dict[str, Any]:
             if matches(robot, pool):
                 process = catalogue.number(number, pool.process.id)
                 return {"pool": catalogue.pool_of(process), "starts": catalogue.starts_of(process)}
-    return {"pool": NOWHERE}
+    return {"pool": NOWHERE, "starts": []}
