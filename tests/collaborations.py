@@ -16,10 +16,18 @@ A robot is a list of steps::
     ("scope", A, t, H)  a sub-process A with an interrupting event sub-process H; "beside": a non-interrupting one
     ("guard", A, t, H)  A with an interrupting boundary event that leads to H; "watch": a non-interrupting one
     "stop"          terminate                        "end"          an end event in a branch
-    "error c"       an error end event
+    "error c"       an error end event               "raise c"      a script that may raise error code c, in no time
+    "crash"         a script that may fail           "say x"        a script that throws signal x
+    "escalate e"    throws an escalation             "undo"         throws compensation
+    "until C"       waits for a condition            "jump"         a link
+    ("done", A, H)  a sub-process A with a compensation handler H
+    ("deal", A, H)  a transaction A, H after its cancellation; "cancel": a cancel end event
+    ("mapped", P)   calls process P with variables of its own
+    ("first", A, C) a sub-process A for each of two at once, until a condition C
 
-A trigger t is a signal ``x``, ``message m``, ``timer PT5S`` or ``error c``. The first step may be ``start x``: the
-robot starts with that signal.
+A trigger t is a signal ``x``, ``message m``, ``timer PT5S``, ``error c``, ``escalation e`` or ``condition C``;
+``error`` and ``escalation`` are those of any code. The first step may be ``start x``: the robot starts with that
+signal.
 
 What is unknown to an exploration has values in a model that is made with `drawn`, a source of random numbers: times,
 decisions, and whether something fails. Such a model has the same elements, and one of the runs that are explored.
@@ -27,10 +35,12 @@ decisions, and whether something fails. Such a model has the same elements, and 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import count
 from random import Random
 from typing import Any
+from xml.sax.saxutils import escape, quoteattr
 
 from bpmn_text import NAMESPACES
 
@@ -41,6 +51,8 @@ TIMES = (0.5, 1, 2, 3, 5)
 """Times that are drawn, s."""
 CODES = ("c", "d")
 """Error codes."""
+ODD_CODES = (*CODES, "no-go", 'it\'s "off"', "script")
+ESCALATIONS = ("e", "f-1")
 Step = Any
 Steps = Sequence[Step]
 
@@ -83,8 +95,11 @@ class _Process:
                 return self.message(what)
             case "timer":
                 return f"<timerEventDefinition><timeDuration>{self.time(what)}</timeDuration></timerEventDefinition>"
-            case "error":
-                return f'<errorEventDefinition errorRef="Error_{what}"/>'
+            case "error" | "escalation":
+                named = f'{kind}Ref="{_reference(kind, what)}"' if what else ""
+                return f"<{kind}EventDefinition {named}/>"
+            case "condition":
+                return f"<conditionalEventDefinition><condition>{escape(what)}</condition></conditionalEventDefinition>"
         return self.signal(kind)
 
     def time(self, literal: str) -> str:
@@ -111,13 +126,17 @@ class _Process:
     def step(self, before: str, step: Step) -> str | None:
         if isinstance(step, tuple):
             return getattr(self, f"_{step[0]}")(before, *step[1:])
+        if step == "jump":
+            return self._jump(before)
+        if step.startswith(("raise", "crash")):
+            before = self._look(before)
         kind, _, what = step.partition(" ")
         made = self.simple(kind, what)
         self.flow(before, made)
-        return None if kind in ("stop", "end", "error") else made
+        return None if kind in ("stop", "end", "error", "cancel") else made
 
     def simple(self, kind: str, what: str) -> str:
-        name = f'name="{what}"'
+        name = f"name={quoteattr(what)}"
         match kind:
             case "throw":
                 return self.node("intermediateThrowEvent", self.signal(what), name, f"throw_{what}")
@@ -137,9 +156,22 @@ class _Process:
                 return self.script(self.sleep(), "work")
             case "fail":
                 odd = "odd" if self.drawn is None else str(self.drawn.random() < 0.4)
-                return self.script(f"{self.sleep()}\nif {odd}: raise BpmnError('{what}')", "work")
+                return self.script(f"{self.sleep()}\nif {odd}: raise BpmnError({what!r})", "work")
+            case "raise" | "crash":
+                fault = f"raise BpmnError({what!r})" if kind == "raise" else "raise ValueError"
+                return self.script(f"if unknown == 1: {fault}", "script")
+            case "say":
+                return self.script(f"signal('{what}')", "script")
             case "error":
                 return self.node("endEvent", self.trigger(f"error {what}"), "", "error")
+            case "escalate":
+                return self.node("intermediateThrowEvent", self.trigger(f"escalation {what}"), "", "escalate")
+            case "until":
+                return self.node("intermediateCatchEvent", self.trigger(f"condition {what}"), "", "until")
+            case "undo":
+                return self.node("intermediateThrowEvent", "<compensateEventDefinition/>", "", "undo")
+            case "cancel":
+                return self.node("endEvent", "<cancelEventDefinition/>", "", "cancel")
             case "run":
                 return self.script(what, "script")
             case "person":
@@ -150,8 +182,7 @@ class _Process:
                 return self.node("endEvent", "", "", "end")
 
     def script(self, text: str, kind: str) -> str:
-        safe = text.replace("&", "&amp;").replace("<", "&lt;")
-        return self.node("scriptTask", f"<script>{safe}</script>", f'name="{kind}" scriptFormat="python"', kind)
+        return self.node("scriptTask", f"<script>{escape(text)}</script>", f'name="{kind}" scriptFormat="python"', kind)
 
     # ---- steps of several branches -------------------------------------------------------------------
 
@@ -223,7 +254,9 @@ class _Process:
     def _scope(self, before: str, body: Steps, trigger: str, handler: Steps, interrupting: bool = True) -> str:
         how = "" if interrupting else 'isInterrupting="false"'
         outside, self.text = self.text, []
-        self._inside(self.node("startEvent", self.trigger(trigger), f'name="{trigger}" {how}', "start"), handler)
+        self._inside(
+            self.node("startEvent", self.trigger(trigger), f"name={quoteattr(trigger)} {how}", "start"), handler
+        )
         handling = f'<subProcess id="{self.id("handler")}" triggeredByEvent="true">{"".join(self.text)}</subProcess>'
         self.text = outside
         return self._sub(before, body, handling)
@@ -231,13 +264,45 @@ class _Process:
     def _beside(self, before: str, body: Steps, trigger: str, handler: Steps) -> str:
         return self._scope(before, body, trigger, handler, interrupting=False)
 
-    def _sub(self, before: str, body: Steps, more: str = "") -> str:
+    def _sub(self, before: str, body: Steps, more: str = "", tag: str = "subProcess") -> str:
+        made = self._body(body, more, tag)
+        self.flow(before, made)
+        return made
+
+    def _body(self, body: Steps, more: str = "", tag: str = "subProcess", attributes: str = "") -> str:
         outside, self.text = self.text, []
         self._inside(self.node("startEvent", "", "", "start"), body)
         content, self.text = "".join(self.text), outside
-        made = self.node("subProcess", content + more, "", "scope")
-        self.flow(before, made)
-        return made
+        return self.node(tag, content + more, attributes, "scope")
+
+    def _done(self, before: str, body: Steps, handler: Steps) -> str:
+        host = self._host(before, body)
+        event = self.node("boundaryEvent", "<compensateEventDefinition/>", f'attachedToRef="{host}"', "compensate")
+        undoing = self._body(handler, attributes='isForCompensation="true"')
+        self.text.append(f'<association id="{self.id("link")}" sourceRef="{event}" targetRef="{undoing}"/>')
+        return host
+
+    def _deal(self, before: str, body: Steps, handler: Steps) -> str | None:
+        host = self._sub(before, body, tag="transaction")
+        event = self.node("boundaryEvent", "<cancelEventDefinition/>", f'attachedToRef="{host}"', "cancelled")
+        return self._merge(host, self.steps(event, handler))
+
+    def _first(self, before: str, body: Steps, condition: str) -> str:
+        text = f"<loopCardinality>2</loopCardinality><completionCondition>{escape(condition)}</completionCondition>"
+        loop = f"<multiInstanceLoopCharacteristics>{text}</multiInstanceLoopCharacteristics>"
+        return self._sub(before, body, loop)
+
+    def _jump(self, before: str) -> str:
+        link = f'<linkEventDefinition name="{self.id("link")}"/>'
+        self.flow(before, self.node("intermediateThrowEvent", link, "", "jump"))
+        return self.node("intermediateCatchEvent", link, "", "land")
+
+    def _merge(self, *ends: str | None) -> str:
+        merge = self.node("exclusiveGateway", "", "", "merge")
+        for end in ends:
+            if end is not None:
+                self.flow(end, merge)
+        return merge
 
     def _each(self, before: str, number: int, body: Steps, sequential: str = "false") -> str:
         count = f"<loopCardinality>{number}</loopCardinality>"
@@ -249,23 +314,32 @@ class _Process:
     def _turns(self, before: str, number: int, body: Steps) -> str:
         return self._each(before, number, body, "true")
 
-    def _call(self, before: str, name: str) -> str:
-        made = self.node("callActivity", "", f'calledElement="P_{name}"', "call")
+    def _call(self, before: str, name: str, mapping: str = "") -> str:
+        made = self.node("callActivity", mapping, f'calledElement="P_{name}"', "call")
         self.flow(before, made)
         return made
 
+    def _mapped(self, before: str, name: str) -> str:
+        n = '<camunda:in source="n" target="n"/><camunda:out source="n" target="n"/>'
+        return self._call(before, name, f"<extensionElements>{n}</extensionElements>")
+
+    def _host(self, before: str, body: Steps) -> str:
+        """An activity with these steps: the only one of them, if it can be the host of a boundary event."""
+        (*others, step) = body
+        activity = step[0] in ("call", "mapped") if isinstance(step, tuple) else step in ("work", "fail c")
+        host = self.step(before, step) if activity and not others else self._sub(before, body)
+        assert host is not None
+        return host
+
     def _guard(self, before: str, body: Steps, trigger: str, handler: Steps, interrupting: bool = True) -> str:
-        host = self.step(before, body[0]) if body in (["work"], ["fail c"]) else self._sub(before, body)
-        how = f'attachedToRef="{host}" name="{trigger}"' + ("" if interrupting else ' cancelActivity="false"')
+        host = self._host(before, body)
+        how = f"attachedToRef={quoteattr(host)} name={quoteattr(trigger)}"
+        how += "" if interrupting else ' cancelActivity="false"'
         event = self.node("boundaryEvent", self.trigger(trigger), how, "boundary")
-        if not interrupting:
-            self._inside(event, handler)
-            return host
-        end, merge = self.steps(event, handler), self.node("exclusiveGateway", "", "", "merge")
-        for one in (host, end):
-            if one is not None:
-                self.flow(one, merge)
-        return merge
+        if interrupting:
+            return self._merge(host, self.steps(event, handler))
+        self._inside(event, handler)
+        return host
 
     def _watch(self, before: str, body: Steps, trigger: str, handler: Steps) -> str:
         return self._guard(before, body, trigger, handler, interrupting=False)
@@ -295,6 +369,11 @@ class _Process:
         end = self.steps(begin, body)
         if end is not None:
             self.flow(end, begin)
+
+
+def _reference(kind: str, code: str) -> str:
+    """The id of an error or escalation with a code."""
+    return f"{kind.capitalize()}_{re.sub(r'[^a-z0-9]', '_', code)}"
 
 
 def text_of(
@@ -336,7 +415,8 @@ def text_of(
         pools.append(f'<participant id="Pool_{robot}" name="{robot}" processRef="P_{robot}">{many}</participant>')
     named = "".join(f'<signal id="Signal_{name}" name="{name}"/>' for name in sorted(signals))
     named += "".join(f'<message id="Message_{name}" name="{name}"/>' for name in sorted(messages))
-    named += "".join(f'<error id="Error_{code}" errorCode="{code}"/>' for code in CODES)
+    for kind, codes in (("error", ODD_CODES), ("escalation", ESCALATIONS)):
+        named += "".join(f'<{kind} id="{_reference(kind, code)}" {kind}Code={quoteattr(code)}/>' for code in codes)
     team = f'<collaboration id="Team">{"".join(pools)}</collaboration>'
     return (f'<?xml version="1.0" encoding="UTF-8"?><definitions {declared} id="Definitions" '
             f'targetNamespace="http://fame">{named}{team}{"".join(processes)}</definitions>')  # fmt: skip
@@ -430,34 +510,53 @@ def generated(
     return {f"R{n}": ["run n = 0", *steps(0)] for n in range(random.randint(2, 3))}
 
 
-def varied(seed: int) -> tuple[dict[str, Steps], dict[str, Any]]:
+def varied(seed: int, *, rich: bool = False) -> tuple[dict[str, Steps], dict[str, Any]]:
     """A collaboration made at random with most of what BPMN has, and the other arguments of `text_of`.
 
-    Somebody throws each signal, and sends each message, that somebody waits for. In half of them several robots throw
-    at their start.
+    `rich`: also with calls in calls, odd codes and those of any code, escalations, compensation, transactions, links
+    and conditional events. Somebody throws each signal, and sends each message, that somebody waits for. In half of
+    them several robots throw at their start.
     """
-    random = Random(seed)
-    signals, messages, calls = ("a", "b", "c"), ("m", "o"), ("Help", "Move")
+    random = Random(f"rich {seed}" if rich else seed)
+    signals, messages, calls = ("a", "b", "c"), ("m", "o"), ("Help", "Move", *(["Deep"] if rich else []))
     simple = ["throw", "throw", "send", "catch", "receive", "work", "work", "queue", "timer", "set", "count", "fail"]
     nested = ["and", "or", "some", "race", "if", "each", "turns", "scope", "beside", "guard", "watch", "guard", "call"]
+    codes, others = CODES, list[str]()
+    ends = ["error c", "error d", "end", "stop"]
+    if rich:
+        simple += ["fail", "raise", "crash", "say", "escalate", "undo", "jump", "until"]
+        nested += ["call", "call", "mapped", "done", "deal", "first", "guard", "scope"]
+        codes = ODD_CODES
+        others = ["error", "error", "escalation", *(f"escalation {code}" for code in ESCALATIONS), "condition n == 1"]
+        ends += [f"error {code}" for code in codes] + ["cancel", "cancel"]
 
-    def steps(depth: int, called: bool = False) -> Steps:
+    def steps(depth: int, called: int = 0, deal: bool = False) -> Steps:
         made = [step(depth, called) for _ in range(random.randint(1, 3 if depth < 2 else 2))]
-        return [*made, random.choice(("error c", "error d", "end", "stop"))] if random.random() < 0.06 else made
+        last = random.choice(ends) if random.random() < (0.14 if rich else 0.06) else ""
+        if deal and random.random() < 0.5:
+            last = "cancel"
+        return [*made, last] if last and (deal or last != "cancel") else made
 
     def trigger() -> str:
-        codes = [f"error {random.choice(CODES)}"] * 2
-        return random.choice([*signals, *(f"message {name}" for name in messages), "timer PT4S", *codes])
+        errors = [f"error {random.choice(codes)}"] * 2
+        return random.choice([*signals, *(f"message {name}" for name in messages), "timer PT4S", *errors, *others])
 
-    def step(depth: int, called: bool) -> Step:
+    def step(depth: int, called: int) -> Step:
         kind = random.choice(simple if depth > 1 else [*simple, *nested])
         match kind:
-            case "throw" | "catch" | "queue":
+            case "throw" | "catch" | "queue" | "say":
                 return f"{kind} {random.choice(signals)}"
             case "send" | "receive":
                 return f"{kind} {random.choice(messages)}"
-            case "timer" | "fail":
-                return {"timer": "timer PT5S", "fail": f"fail {random.choice(CODES)}"}[kind]
+            case "timer" | "fail" | "raise":
+                code = random.choice(codes)
+                return "timer PT5S" if kind == "timer" else f"{kind} {code}"
+            case "escalate":
+                return f"{kind} {random.choice(ESCALATIONS)}"
+            case "crash" | "undo" | "jump":
+                return kind
+            case "until":
+                return ("race", ["until n == 1"], ["timer PT9S"])
             case "set":
                 return f"run {random.choice(SETS)}"
             case "count":
@@ -468,32 +567,44 @@ def varied(seed: int) -> tuple[dict[str, Steps], dict[str, Any]]:
                 return (kind, "n == 1", steps(depth + 1, called), steps(depth + 1, called))
             case "each" | "turns":
                 return (kind, 2, steps(2, called))
+            case "first":
+                return (kind, steps(2, called), "n == 1")
+            case "done":
+                return (kind, steps(depth + 1, called), steps(2, called))
+            case "deal":
+                return (kind, steps(depth + 1, called, deal=True), steps(2, called))
             case "race":
                 first = random.choice((f"catch {random.choice(signals)}", f"receive {random.choice(messages)}"))
                 return ("race", [first, *steps(depth + 1, called)], ["timer PT9S"])
             case "scope" | "guard":
                 return (kind, steps(depth + 1, called), trigger(), steps(2, called))
             case "beside" | "watch":
-                when = random.choice((*signals, *(f"message {name}" for name in messages), "timer PT4S"))
+                when = random.choice((*signals, *(f"message {name}" for name in messages), "timer PT4S", *quiet))
                 handler = steps(2, called)  # in no time handlers could trigger themselves, more of them each time
-                if "throw" in repr(handler) or "send" in repr(handler):
+                if re.search("throw|send|say|escalate", repr(handler)):
                     handler = ["work", *handler]
                 return (kind, steps(depth + 1, called), when, handler)
-            case "call" if not called:
-                return ("call", random.choice(calls))
+            case "call" | "mapped" if calls[called:]:
+                return (kind, random.choice(calls[called:]))
             case _:
                 return "work"
 
+    quiet = [one for one in others if one.startswith("escalation")]
     robots = {f"R{n}": ["run n = 0", *steps(0)] for n in range(random.randint(2, 3))}
+    begin = "start s" if rich else "start a"  # of a signal that only R0 throws, and in what is called nobody
     if random.random() < 0.25:
-        robots["R1"] = ["start a", *robots["R1"]]
-    called = {name: steps(1, True) for name in calls if repr(("call", name)) in repr(robots)}
+        robots["R1"] = [begin, *robots["R1"]]
+    called = dict[str, Steps]()
+    for place, name in enumerate(calls):
+        if re.search(rf"\('(call|mapped)', '{name}'\)", repr((robots, called))):
+            called[name] = steps(1, place + 1 if rich else len(calls))
     used = repr((robots, called))
     given = [f"throw {name}" for name in signals if f"'throw {name}'" not in used]
+    given += ["throw s"] if "start s" in robots["R1"] else []
     given += [f"send {name}" for name in messages if f"'send {name}'" not in used]
     robots["R0"] = [*robots["R0"][:1], *given[:1], "work", *given[1:], *robots["R0"][1:]]
     starts = Random(f"starts {seed}")
-    alone = "start a" in robots["R1"]  # which others could make start again and again, in no time
+    alone = begin in robots["R1"]  # which others could make start again and again, in no time
     for name in [*robots] if starts.random() < 0.5 and not alone else []:  # several throw in the instant of all starts
         first = [f"throw {signal}" for signal in starts.sample(signals, starts.randint(0, 2))]
         place = robots[name].index("run n = 0") + 1

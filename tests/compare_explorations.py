@@ -5,7 +5,8 @@ failures. No run may come to what the exploration has not found (a deadlock, an 
 unreachable. Each run that it reports, played by real engines, has to end in the reported state. The full search has to
 find the same as the reduced one. Properties made at random are proved or refuted by both alike, and no run violates one
 that is proved. ``--draws 1000`` looks at the properties alone, with so many runs of each model: nothing that a run
-violates is proved, and the run of each refutation, played by real engines, violates the property.
+violates is proved, and the run of each refutation, played by real engines, violates the property. ``--rich`` looks at
+models with more of BPMN: at nothing but whether their runs show what their exploration denies.
 """
 
 from __future__ import annotations
@@ -63,21 +64,17 @@ class EndlessError(BaseException):
     """A run does not end. No Exception, so that no engine takes it for an error of its model."""
 
 
-CALLED = ("Help_", "Move_")
+CALLED = ("Help_", "Move_", "Deep_")
 """Beginnings of ids in called processes."""
 
 
 @dataclass(slots=True)
 class Drawn:
-    """What a run came to: where tokens are left, which elements were entered, and where errors were not caught.
-
-    `instant`: a behaviour was over in no time, which the exploration takes for a step that takes some.
-    """
+    """What a run came to: where tokens are left, which elements were entered, and where errors were not caught."""
 
     waiting: frozenset[str] = frozenset()
     entered: set[tuple[str, str]] = field(default_factory=set)
     errors: set[str] = field(default_factory=set)
-    instant: bool = False
     judgements: tuple[Judgement, ...] = ()
 
 
@@ -111,17 +108,13 @@ def run(text: str, judge: Judge | None = None, given: Sequence[Property] = ()) -
 
     Those `given` are judged by the run itself.
     """
-    drawn, events, called = Drawn(), 0, dict[tuple[str, str], int]()
+    drawn, events = Drawn(), 0
 
     def observe(event: Event) -> None:
         nonlocal events
         events += 1
         if events > EVENTS:
             raise EndlessError
-        if "_call_" in event.element:
-            where = (event.robot, event.element)
-            drawn.instant |= event.what == "leave" and called.get(where) == event.time
-            called[where] = event.time
         if judge is not None and not made.over:
             judge.event(event.time, event.robot, event.element, event.what, event.detail)
         if event.what == "enter":
@@ -187,7 +180,7 @@ def replayed(text: str, finding: Finding, folder: Path) -> Iterator[str]:
                 yield f"its run leads to errors at {sorted(failed)}: {finding.text}"
 
 
-def sentences(seed: int, names: Vocabulary) -> Iterator[str]:
+def sentences(seed: int, names: Vocabulary, *, rich: bool = False) -> Iterator[str]:
     """Properties of a team, made at random."""
     random = Random(f"properties {seed}")
 
@@ -197,6 +190,9 @@ def sentences(seed: int, names: Vocabulary) -> Iterator[str]:
         terms = names.robots[robot]
         said = [f"completes {one}" for one in terms.own] + [f"starts {one}" for one in terms.own]
         said += [f"throws {topic}" for topic in terms.throws if topic[0] == "/"] + ["completes", "ends"] * 3
+        if rich:
+            said += ["fails", "is cancelled"] * 3
+            said += [f"fails at {one}{code}" for one in terms.own for code in ("", ' with "c"', ' with "no-go"')]
         return f"{random.choice((robot, pool))} {random.choice(said)}"
 
     for pattern in PATTERNS:
@@ -215,6 +211,34 @@ def played(text: str, made: Property, names: Vocabulary, run: Sequence[Step], fo
         judging = mission.run.judging if made.condition else None
         (found,) = judging.judgements() if judging is not None else judge.finish(10**15, complete=True)
         return "" if found.verdict == "violated" else f"{made.name} is refuted, its run: {found} {mission.skipped}"
+
+
+def disproved(result: Exploration, drawn: Drawn, judge: Judge) -> Iterator[str]:
+    """The proofs of properties that a run violates; `judge` has seen its events."""
+    by_run = {one.name: one for one in drawn.judgements}
+    for proof, judged in zip(result.properties, judge.finish(10**15, complete=True), strict=True):
+        other = by_run.get(judged.name, judged)
+        if other.verdict == "violated" and proof.verdict in ("proved", "not triggered"):
+            yield f"{proof} is {proof.verdict}, and a run: {other}"
+
+
+def denied(seed: int, draws: int = 3) -> tuple[bool, list[str]]:
+    """Whether a rich model was explored whole, and what runs show that its exploration denies.
+
+    Of every other model properties are judged, too: what they name is not reduced. What comes from outside has no runs.
+    """
+    robots, options = varied(seed, rich=True)
+    definitions, library, cast = cast_of(read(text_of(robots, **options).encode()), {}, ())
+    names = vocabulary_of(definitions, library, cast)
+    given = [parse(one, NOWHERE, one) for one in sentences(seed, names, rich=True)] if seed % 2 else []
+    result = explore(definitions, delivery="run", limit=LIMIT, samples=False, properties=given)
+    found, valued = list[str](), [one for one in given if one.condition]
+    for draw in range(0 if result.outside else draws):
+        judge = Judge([compile(one, names) for one in given])
+        drawn = run(text_of(robots, **options, drawn=Random(f"{seed} {draw}")), judge, valued)
+        if drawn is not None:
+            found += [f"draw {draw}: {one}" for one in (*missed(result, drawn), *disproved(result, drawn, judge))]
+    return result.exhaustive, [f"seed {seed}: {one}" for one in found]
 
 
 def judged_differently(seed: int, draws: int = DRAWS) -> tuple[int, list[str]]:
@@ -237,12 +261,8 @@ def judged_differently(seed: int, draws: int = DRAWS) -> tuple[int, list[str]]:
         judge = Judge([compile(one, names) for one in given])
         valued = [one for one in given if one.condition]
         drawn = run(text_of(robots, **options, drawn=Random(f"{seed} {draw}")), judge, valued)
-        if drawn is not None and not drawn.instant:
-            told = {one.name: one for one in drawn.judgements}
-            judgements = [told.get(one.name, one) for one in judge.finish(10**15, complete=True)]
-            found += [f"draw {draw}: {one} is {one.verdict}, and a run: {other}"
-                      for one, other in zip(reduced.properties, judgements, strict=True)
-                      if other.verdict == "violated" and one.verdict in ("proved", "not triggered")]  # fmt: skip
+        if drawn is not None:
+            found += [f"draw {draw}: {one}" for one in disproved(reduced, drawn, judge)]
     refuted = [(one, made) for one, made in zip(reduced.properties, given, strict=True) if one.verdict == "refuted"]
     with tempfile.TemporaryDirectory() as folder:
         found += filter(None, (played(text, made, names, one.run, Path(folder)) for one, made in refuted))
@@ -277,16 +297,17 @@ def main() -> int:
     parser.add_argument(
         "--draws", type=int, default=0, metavar="N", help="the properties alone, with N runs of a model"
     )
+    parser.add_argument("--rich", action="store_true", help="models with more of BPMN")
     arguments = parser.parse_args()
     seeds, whole, bad = range(arguments.first, arguments.first + arguments.models), 0, 0
-    if arguments.draws:
+    if arguments.draws or arguments.rich:
+        look, draws = (denied if arguments.rich else judged_differently), arguments.draws or DRAWS
         with ProcessPoolExecutor(arguments.jobs) as pool:
-            for known, found in pool.map(judged_differently, seeds, repeat(arguments.draws)):
+            for known, found in pool.map(look, seeds, repeat(draws)):
                 whole, bad = whole + known, bad + bool(found)
                 print(*found, sep="\n", end="\n" if found else "", flush=True)
-        print(
-            f"{arguments.models} models, {arguments.draws} runs each: {whole} properties are known, {bad} models differ"
-        )
+        what = "explored whole" if arguments.rich else "properties known"
+        print(f"{arguments.models} models, {draws} runs each: {whole} {what}, {bad} models differ")
         return int(bad > 0)
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.jobs) as pool:
         compared = pool.map(compare, seeds, repeat(Path(folder)))

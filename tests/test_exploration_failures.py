@@ -88,31 +88,6 @@ def judged(processes: str, sentence: str, *, team: bool = False, **options: obje
 # ---- failures that nothing catches -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("faults", [False, True])
-@pytest.mark.parametrize(
-    ("sentence", "uncaught", "caught"),
-    [
-        ("never P fails", "not known", "proved"),
-        ('P completes "arrived"', "not known", "refuted"),
-        ("P completes", "not known", "proved"),
-        ("Q completes", "not known", "refuted"),
-        ('never P fails at "Go there"', "not known", "refuted"),
-        ('P starts "Go there" at most 1 times', "proved", "proved"),
-        ('never Q completes before P completes "arrived"', "proved", "proved"),
-        ("R completes", "proved", "proved"),  # it hears nothing of P
-        ("never R fails", "proved", "proved"),
-        ("after P fails, R completes", "not known", "not triggered"),  # it may have before
-    ],
-)
-def test_what_an_uncaught_failure_could_change_is_not_known(
-    sentence: str, uncaught: str, caught: str, faults: bool
-) -> None:
-    found = judged(goes(service(GO)), sentence, team=True, faults=faults)
-    assert found.verdict == uncaught, found
-    assert ('"Go there" (Go) may fail, and nothing catches it' in found.text) == (uncaught == "not known")
-    assert judged(goes(service(GO), boundary()), sentence, team=True, faults=faults).verdict == caught
-
-
 @pytest.mark.parametrize("inside", [f'<serviceTask id="I2">{properties(**one)}</serviceTask>' for one in (GO, CALL)])
 def test_a_behaviour_with_a_service_may_fail_too(inside: str) -> None:
     assert judged(goes(CALLS, beside=called(inside)), "P completes").verdict == "not known"
@@ -275,10 +250,10 @@ def test_an_escalation_leaves_a_behaviour() -> None:
 def test_a_script_in_javascript_that_throws_may_fail() -> None:
     """It was called invalid Python."""
     throws = script("throw new Error('low'); next();").replace("python", "javascript")
-    assert judged(goes(throws), "never P fails").verdict == "not known"
+    assert judged(goes(throws), "never P fails").verdict == "refuted"
 
 
-@pytest.mark.parametrize("text", [ACT, ASKS, "raise BpmnError(x)"])
+@pytest.mark.parametrize("text", [ACT, ASKS, "await sleep(1); raise BpmnError(x)"])
 def test_a_behaviour_whose_script_may_fail_is_no_proof(text: str) -> None:
     inner = called(f'<scriptTask id="I2" scriptFormat="python"><script>{text}</script></scriptTask>')
     assert judged(goes(CALLS, beside=inner), "P completes").verdict == "not known"
@@ -305,7 +280,8 @@ def test_a_behaviour_whose_script_may_fail_is_no_proof(text: str) -> None:
 def test_a_code_that_a_property_names_is_tried(task: str, code: str, verdict: str) -> None:
     """At an activity whose failure with any code is caught; if it is not, nothing is proved about it."""
     sentence = f'never P fails at "Go there" with "{code}"'
-    inner = called('<scriptTask id="I2" scriptFormat="python"><script>raise BpmnError(x)</script></scriptTask>')
+    raises = "<script>await sleep(1); raise BpmnError(x)</script>"
+    inner = called(f'<scriptTask id="I2" scriptFormat="python">{raises}</scriptTask>')
     assert judged(goes(task, boundary(), beside=inner), sentence).verdict == verdict
     assert judged(goes(task, beside=inner), sentence).verdict == ("not known" if verdict == "refuted" else verdict)
 

@@ -62,7 +62,7 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (FOREVER, "A completes", "refuted"),
         (RAISES, "never A fails", "refuted"),
         (RAISES, "B completes", "refuted"),
-        (OPAQUE, "never A fails", "not known"),
+        (OPAQUE, "never A fails", "refuted"),
         (OPAQUE, "B completes", "not known"),
         (TWO, "A completes within 5 s", "not known"),
         (TWO, "always A.battery > 0.1", "not known"),

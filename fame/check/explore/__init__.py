@@ -11,6 +11,7 @@
     merging         findings and verdicts of several searches
     places          elements of the models, and what they accept
     abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
+    behaviours      called processes that are explored as one step
     team_facts      what all processes of a team have in common
     error_codes     with which services and called processes may fail
     decisive        variables and payloads that decide something

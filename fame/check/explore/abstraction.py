@@ -3,8 +3,8 @@
 Theory of operation. Each process is rewritten, and the engine executes the result as it executes any process:
 
 1. `team_facts` reads all processes: their topics and codes, and what is known of their variables.
-2. A call of a behaviour that touches no topic of the team becomes a step, as a service is one: it ends at some time, or
-   raises one of the error codes that it can (`error_codes`). What it sets is unknown.
+2. A call of a behaviour of which nobody notices the inside (`behaviours`) becomes a step, as a service is one: it ends
+   at some time, or raises one of the error codes that it can (`error_codes`). What it sets is unknown.
 3. `decisive` finds the variables that decide something in what is left. Then all is rewritten once more: scripts lose
    the statements that set no such variable, and operations on what is unknown anyway.
 
@@ -22,6 +22,7 @@ from fame.bpmn import model
 from fame.bpmn.library import Library
 from fame.bpmn.pools import Pool, all_processes
 from fame.bpmn.topics import TopicUse
+from fame.check.explore.behaviours import is_step
 from fame.check.explore.counting import without_items
 from fame.check.explore.decisive import decisive, needed_by_statements
 from fame.check.explore.element_variables import assigned_by, changed_by, filled_in, written_by, written_objects
@@ -35,7 +36,7 @@ from fame.check.explore.error_codes import (
     thrown_by,
 )
 from fame.check.explore.slicing import sliced, without_operations
-from fame.check.explore.team_facts import TeamFacts, ends_of, facts_of
+from fame.check.explore.team_facts import TeamFacts, facts_of
 from fame.check.explore.values import MARK
 from fame.check.expressions import cover_all
 from fame.dataclasses import dataclass, field, fields, replace
@@ -81,6 +82,7 @@ class Abstraction:
     matters  topics whose payload decides something
     steps    what each step does, by its name
     caught   scripts with an error event at their task, at a sub-process around it, or in one
+    guarded  scripts whose exceptions an error event may catch
     asks     script that waits for actions and services -> the codes with which it may fail because of them
     computed (throwing event, text of its computed code) -> the named codes that it may have
     unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
@@ -96,6 +98,7 @@ class Abstraction:
     matters: frozenset[str] = frozenset()
     steps: dict[str, AbstractStep] = field(default_factory=dict)
     caught: set[str] = field(default_factory=set)
+    guarded: set[str] = field(default_factory=set)
     asks: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
     unhandled: set[tuple[str, str]] = field(default_factory=set)
@@ -226,6 +229,8 @@ class _Rewriter:
         facts, needed = self.to.facts, self.to.needed
         if scope.guards(task) or effects_of(script, script=True).fails:
             self.to.caught.add(task.id)
+        if self._is_caught(task, scope) or ("script" in facts.catches and scope.guards(task)):
+            self.to.guarded.add(task.id)
         self.to.asks[task.id] |= self._asked_codes(task, scope)
         script = without_operations(without_items(script, facts.counted), facts.unknown)
         if needed is not None:
@@ -244,16 +249,14 @@ class _Rewriter:
         return AbstractStep(writes=tuple(feedback), results=_sorted(results), codes=_sorted(codes))
 
     def _call(self, call: model.CallActivity, scope: _Scope) -> model.FlowNode:
-        """A call as a step, if what it calls touches no topic of the team, and throws no escalation to the caller."""
+        """A call as a step, if what it calls is one."""
         try:
             called = self.to.library.find(self.home, call)
-            processes = [process for _, process in self.to.library.closure(*called)]
+            if not is_step(self.to.library, *called, self.to.facts.shared):
+                return call
         except FameError:  # the compiler refuses it
             return call
-        if any(topic in self.to.facts.shared for process in processes for topic, _ in ends_of(process)):
-            return call
-        if any(node.defined(model.EscalationDefinition) for process in processes for node in process.body.walk()):
-            return call
+        processes = [process for _, process in self.to.library.closure(*called)]
         name, codes = step_name(self.home.file, call.id), self._call_codes(call, called, processes, scope)
         self.to.steps[name] = replace(self._call_variables(call, processes), codes=codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}

@@ -121,6 +121,8 @@ class ExplorationHost:
         self.entered: set[str] = set()
         self.caught: Set[str] = model.caught
         """Scripts whose failures may decide something: an error event catches them, or they are raised on purpose."""
+        self.guarded: Set[str] = model.guarded
+        """Scripts whose exceptions an error event catches."""
         self.asks: Mapping[str, Set[str]] = model.asks
         """The codes with which scripts that wait fail, see `Abstraction`."""
         self.codes: Collection[str] = model.facts.codes
@@ -318,8 +320,12 @@ class ExplorationHost:
         if script.language == "python":
             run = compile_script(asking(script), file=file, element=element)
         computable = is_computable(script, self.fields)
-        if (effects.fails or effects.computes_code) and (effects.waits or effects.catches or not computable):
+        executed = computable and not (effects.waits or effects.catches)
+        if (effects.fails or effects.computes_code) and not executed:
             self.opaque.add(element)
+        # What a module raises is not known: it counts where an error event would catch it.
+        if not executed and (effects.fails or (effects.imports and element in self.guarded)):
+            step = replace(step, codes=tuple(sorted({*step.codes, "script"})))
         if effects.waits:
             running = Running(step)
             return lambda variables: running
