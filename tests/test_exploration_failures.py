@@ -7,6 +7,8 @@ import pytest
 from bpmn_text import document, properties
 
 from fame.bpmn.reader import read_text
+from fame.check.explore import deliveries, search
+from fame.check.explore.graph import Explored
 from fame.check.explore.properties import Judged
 from fame.cli import main
 from fame.properties.grammar import parse
@@ -23,6 +25,9 @@ ASK = (
     '<userTask id="Ask" name="Ask"><extensionElements><camunda:formData><camunda:formField id="why" type="string"/>'
     "</camunda:formData></extensionElements></userTask>"
 )
+
+
+FAILS = parse("never P fails", NOWHERE, "never P fails")
 
 
 def flow(first: str, second: str) -> str:
@@ -88,6 +93,31 @@ def judged(processes: str, sentence: str, *, team: bool = False, **options: obje
 # ---- failures that nothing catches -----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("faults", [False, True])
+@pytest.mark.parametrize(
+    ("sentence", "uncaught", "caught"),
+    [
+        ("never P fails", "not known", "proved"),
+        ('P completes "arrived"', "not known", "refuted"),
+        ("P completes", "not known", "proved"),
+        ("Q completes", "not known", "refuted"),
+        ('never P fails at "Go there"', "not known", "refuted"),
+        ('P starts "Go there" at most 1 times', "proved", "proved"),
+        ('never Q completes before P completes "arrived"', "proved", "proved"),
+        ("R completes", "proved", "proved"),  # it hears nothing of P
+        ("never R fails", "proved", "proved"),
+        ("after P fails, R completes", "not known", "not triggered"),  # it may have before
+    ],
+)
+def test_what_an_uncaught_failure_could_change_is_not_known(
+    sentence: str, uncaught: str, caught: str, faults: bool
+) -> None:
+    found = judged(goes(service(GO)), sentence, team=True, faults=faults)
+    assert found.verdict == uncaught, found
+    assert ('"Go there" (Go) may fail, and nothing catches it' in found.text) == (uncaught == "not known")
+    assert judged(goes(service(GO), boundary()), sentence, team=True, faults=faults).verdict == caught
+
+
 @pytest.mark.parametrize("inside", [f'<serviceTask id="I2">{properties(**one)}</serviceTask>' for one in (GO, CALL)])
 def test_a_behaviour_with_a_service_may_fail_too(inside: str) -> None:
     assert judged(goes(CALLS, beside=called(inside)), "P completes").verdict == "not known"
@@ -121,6 +151,20 @@ def test_what_follows_from_a_failure_counts_against_the_limit() -> None:
     found = judged(goes(service(GO)), "never P fails", delivery="run", limit=whole)
     assert found.verdict == "not known"
     assert found.text.endswith("what follows is not explored whole (no budget is left)")
+
+
+@pytest.mark.parametrize("faults", [False, True])
+def test_all_searches_share_the_limit_and_all_their_states_are_told(
+    faults: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    explored = list[Explored]()
+    monkeypatch.setattr(deliveries, "explore", lambda product: explored.append(search.explore(product)) or explored[-1])
+    model = read_text(document(ROOT + goes(service(GO))), file="m.bpmn")
+    for limit in range(1, 25):
+        explored.clear()
+        result = explore(model, properties=[FAILS], faults=faults, limit=limit, samples=False)
+        assert result.states == sum(len(one.states) for one in explored)
+        assert faults or result.states <= limit + 1  # of faults one step leads to many
 
 
 def test_its_exit_code_is_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

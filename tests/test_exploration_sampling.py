@@ -121,6 +121,7 @@ def test_a_scenario_is_run_itself_as_its_world_decides_how_long_behaviours_take(
     assert "A waits at" in one.text
     assert "/done" in one.text
     assert explore(scenario, limit=1, delivery="run", samples=False).status == "partial"
+    assert not explore(scenario, limit=1, delivery="run", samples=False, first=True).sampled
     (tmp_path / "late.bpmn").write_text(text_of(robots, accept={"A": "run: somebody ends it"}))
     assert [one.accepted for one in explore(scenario, limit=1).findings if one.kind == "run"] == ["somebody ends it"]
 

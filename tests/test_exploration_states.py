@@ -8,7 +8,7 @@ from collaborations import generated, team
 
 from fame.bpmn.model import Definitions
 from fame.check.explore import Request
-from fame.check.explore.deliveries import search
+from fame.check.explore.deliveries import SearchBudget, search
 from fame.check.explore.footprints import Effect, Footprints, Watched
 from fame.check.explore.local import Local
 from fame.check.explore.team import Team
@@ -22,7 +22,7 @@ MISSIONS = ("ground_vehicles", "agriculture", "agriculture_resilient", "convoy",
 def explored(model: str | Path | Definitions, delivery: str = "any", limit: int = 2_000) -> list[Local]:
     """The robots of a model, with the local states that a search has found."""
     found = Team(*cast_of(model, {}, ()), Request())
-    search(found, delivery, limit, lambda: False)  # type: ignore[arg-type]
+    search(found, delivery, SearchBudget(limit, lambda: False))  # type: ignore[arg-type]
     return list(dict.fromkeys(found.locals))
 
 

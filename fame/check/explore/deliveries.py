@@ -24,7 +24,7 @@ from fame.check.explore.search import explore
 from fame.check.explore.team import Team
 from fame.check.explore.trace import Runs
 from fame.check.explore.transitions import FAULTS, MASK
-from fame.dataclasses import replace
+from fame.dataclasses import dataclass, replace
 from fame.engine.program import Node
 
 Stop = Callable[[], bool]
@@ -32,33 +32,44 @@ Stop = Callable[[], bool]
 _HOLDING = ("proved", "not triggered")
 
 
-def search(team: Team, delivery: Delivery, limit: int, stop: Stop) -> tuple[Searched, list[Finding]]:
+@dataclass(slots=True)
+class SearchBudget:
+    """What searches share: how many states are left for them, and whether the time is over."""
+
+    left: int
+    stop: Stop
+
+
+def search(team: Team, delivery: Delivery, budget: SearchBudget) -> tuple[Searched, list[Finding]]:
     """Explore a team with one delivery, and where that is asked for, what single faults lead to."""
     begun = time.perf_counter()
-    report, cuts = _explore(team, delivery, limit, stop)
+    report, cuts = _explore(team, delivery, budget)
+    searches = [report.explored]
     note_received(team, report)
     findings, faults = report.findings(), list[tuple[str, str, Finding | None]]()
     judged = team.monitors.judge(report.runs, exhaustive=not cuts) if team.monitors is not None else ()
-    if team.request.faults:
-        report, further_cuts = _explore(team, delivery, limit, stop, faults=True)
+    if team.request.faults and budget.left <= 0:
+        cuts = (*cuts, "no budget is left for single faults")
+    elif team.request.faults:
+        report, further_cuts = _explore(team, delivery, budget, faults=True)
+        searches.append(report.explored)
         cuts, faults = tuple(dict.fromkeys((*cuts, *further_cuts))), report.faults()
         findings += [finding for _, _, finding in faults if finding is not None]
     searched = Searched(
         delivery=delivery,
-        states=len(report.explored.states),
-        transitions=report.explored.transitions,
+        states=sum(len(explored.states) for explored in searches),
+        transitions=sum(explored.transitions for explored in searches),
         seconds=time.perf_counter() - begun,
         cuts=cuts,
-        bound=bool(report.explored.cut),
+        bound=any(explored.cut for explored in searches),
         faults=tuple((name, delivery, outcome) for name, outcome, _ in faults),
         judged=tuple(judged),
     )
     return searched, findings
 
 
-def after_failures(team: Team, searched: Searched, limit: int, stop: Stop) -> Searched:
-    """Return the search with only those proofs that also hold if services and actions fail
-    where nothing catches that.
+def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Searched:
+    """Return the search with only those proofs that also hold if services and actions fail uncaught.
 
     Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
     """
@@ -68,11 +79,12 @@ def after_failures(team: Team, searched: Searched, limit: int, stop: Stop) -> Se
         return searched
     again = dict[str, Judged]()
     cuts: tuple[str, ...] = ("no budget is left",)
-    if limit > 0 and not stop():
-        report, cuts = _explore(team, searched.delivery, limit, stop, unhandled=True)
+    left = budget.left
+    if left > 0 and not budget.stop():
+        report, cuts = _explore(team, searched.delivery, budget, unhandled=True)
         again = {judged.name: judged for judged in team.monitors.judge(report.runs, exhaustive=not cuts)}
     judged = (_after_failures(team, proof, again.get(proof.name), may_fail, cuts) for proof in searched.judged)
-    return replace(searched, judged=tuple(judged))
+    return replace(searched, judged=tuple(judged), states=searched.states + left - budget.left)
 
 
 def _after_failures(
@@ -109,13 +121,13 @@ def steps_end(team: Team, stop: Stop) -> Iterator[None]:
 
 
 def _explore(
-    team: Team, delivery: Delivery, limit: int, stop: Stop, *, faults: bool = False, unhandled: bool = False
+    team: Team, delivery: Delivery, budget: SearchBudget, *, faults: bool = False, unhandled: bool = False
 ) -> tuple[ExplorationReport, tuple[str, ...]]:
     """What the states of the team say, and what was left out."""
     request = team.request
     options = Options(
-        delivery=delivery, reduced=request.reduced, faults=faults, unhandled=unhandled, limit=limit,
-        groups=team.groups() if request.reduced else (), stop=stop, given=team.given,
+        delivery=delivery, reduced=request.reduced, faults=faults, unhandled=unhandled, limit=budget.left,
+        groups=team.groups() if request.reduced else (), stop=budget.stop, given=team.given,
         required=() if team.given else team.required(), progress=request.progress,
         monitors=None if faults else team.monitors,
         acknowledged=frozenset(name for name, use in team.model.facts.types.items() if use.ttl),
@@ -128,8 +140,9 @@ def _explore(
             product.settled, product.between = reduction.settled, reduction.between
     if faults:
         product.add_faults = Faults(product).add
-    with steps_end(team, stop):
+    with steps_end(team, budget.stop):
         explored = explore(product)
+    budget.left -= len(explored.states)
     cuts = tuple(_cuts(team, product, explored))
     return report_of(team, product, explored, exhaustive=not cuts), cuts
 

@@ -20,7 +20,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import STEP
-from fame.check.explore.deliveries import after_failures, search
+from fame.check.explore.deliveries import SearchBudget, after_failures, search
 from fame.check.explore.findings import FindingKind
 from fame.check.explore.merging import MergedFindings, merged_verdicts
 from fame.check.explore.product import Delivery
@@ -81,20 +81,22 @@ class _Searches:
 
     team: Team
     begun: float
-    states: int = 0
+    budget: SearchBudget = field(init=False)
     searched: list[Searched] = field(default_factory=list)
     findings: MergedFindings = field(default_factory=MergedFindings)
     sampled: list[str] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        self.budget = SearchBudget(self.team.request.limit, self._over)
+
     def explore(self) -> Exploration:
         request = self.team.request
-        if request.first:
+        if request.first and request.samples:
             self._sample(1 - SEARCHING)
         for delivery in request.delivery:
             self._search(delivery)
         # After all deliveries: an element that is only entered after a failure must not count as reached by them.
-        left = request.limit - self.states
-        self.searched = [after_failures(self.team, searched, left, self._over) for searched in self.searched]
+        self.searched = [after_failures(self.team, searched, self.budget) for searched in self.searched]
         if request.samples and not request.first and any(searched.bound for searched in self.searched):
             self._sample(1.0)
         return self._result()
@@ -110,16 +112,14 @@ class _Searches:
         return self.team.request.first and self.findings.failed
 
     def _search(self, delivery: Delivery) -> None:
-        left = self.team.request.limit - self.states
-        if self._ended or left <= 0 or self._over():
+        if self._ended or self.budget.left <= 0 or self._over():
             why = "ended at the first error" if self._ended else f"no budget is left for delivery {delivery}"
             properties = self.team.request.properties
             unknown = tuple(Judged(spec.name, spec.sentence, "not known", why) for spec in properties)
             self.searched.append(Searched(delivery, 0, 0, 0.0, (why,), bound=True, judged=unknown))
             return
-        searched, findings = search(self.team, delivery, left, self._over)
+        searched, findings = search(self.team, delivery, self.budget)
         self.searched.append(searched)
-        self.states += searched.states
         self.findings.add_search(findings)
 
     def _sample(self, share: float) -> None:

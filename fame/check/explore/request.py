@@ -24,13 +24,13 @@ class Request:
     ordered   timers of a robot fire in the order of their durations, where that is known; else in any order
     faults    also explore what single faults lead to
     reduced   leave out orders of steps that make no difference
-    limit     states, of all deliveries together
-    seconds   time for all deliveries together, None for no bound
+    limit     states, of all searches together; each may exceed what is left by those of its last step
+    seconds   time for all searches together, None for no bound
     sources   topics on which somebody outside of the team publishes
     properties  sentences that are judged
     variables  what the processes of robots start with, by robot
     samples   explore some parts besides if a limit ends a search
-    first     explore these parts first, and end at the first error
+    first     explore these parts first, if at all, and end at the first error
     progress  called now and then with the number of states of a delivery, and of those still to be explored
     """
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 from fame.bpmn.pools import Pool, all_processes
-from fame.check.explore.deliveries import Stop, note_received, report_of, search, steps_end
+from fame.check.explore.deliveries import SearchBudget, Stop, note_received, report_of, search, steps_end
 from fame.check.explore.findings import FAILING, Finding
 from fame.check.explore.graph import Explored
 from fame.check.explore.host import OutOfTimeError
@@ -52,7 +52,7 @@ def _with_fewer(team: Team, number: int, steps: int, stop: Stop) -> tuple[list[F
         if counts[pool.name] <= number or not pool.multi_instance:
             cast[robot] = pool
     request = replace(team.request, faults=False, samples=False, properties=())
-    searched, findings = search(Team(team.definitions, team.library, cast, request), "run", steps, stop)
+    searched, findings = search(Team(team.definitions, team.library, cast, request), "run", SearchBudget(steps, stop))
     return [finding for finding in findings if finding.kind in FAILING and not finding.accepted], not searched.cuts
 
 
