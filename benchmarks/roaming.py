@@ -28,8 +28,8 @@ _PORT = 7447
 _THROW = 'type="std_msgs/msg/Int32" payload="${n}" delivery="acknowledged"'
 
 
-def model(signals: int, throw: str = _THROW) -> str:
-    """A throws the numbers from 1 on, 100 a second; B keeps them."""
+def model(signals: int, throw: str = _THROW, rate: int = 100, kept: str = "count") -> str:
+    """A throws the numbers from 1 on, so many a second; B keeps them."""
     pairs = (word.split("=", 1) for word in throw.split())
     given = "".join(f'<c:property name="{name}" value={value}/>' for name, value in pairs)
     return f"""<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t"
@@ -37,11 +37,11 @@ def model(signals: int, throw: str = _THROW) -> str:
  <participant id="PA" name="A" processRef="a"/><participant id="PB" name="B" processRef="b"/></collaboration>
  <process id="a" isExecutable="true"><startEvent id="s"/>
  <scriptTask id="zero"><script>n = 0</script></scriptTask>
- <scriptTask id="one"><script>n = n + 1</script></scriptTask>
+ <scriptTask id="one"><script>n = n + 1; text = "%0100d" % n</script></scriptTask>
  <intermediateThrowEvent id="t"><extensionElements><c:properties>{given}</c:properties></extensionElements>
  <signalEventDefinition signalRef="S"/></intermediateThrowEvent><exclusiveGateway id="x" default="more"/>
- <intermediateCatchEvent id="w"><timerEventDefinition><timeDuration>PT0.01S</timeDuration></timerEventDefinition>
- </intermediateCatchEvent><endEvent id="e"/>
+ <intermediateCatchEvent id="w"><timerEventDefinition><timeDuration>PT{1 / rate:g}S</timeDuration>
+ </timerEventDefinition></intermediateCatchEvent><endEvent id="e"/>
  <sequenceFlow id="f1" sourceRef="s" targetRef="zero"/>
  <sequenceFlow id="f2" sourceRef="zero" targetRef="one"/>
  <sequenceFlow id="f3" sourceRef="one" targetRef="t"/><sequenceFlow id="f4" sourceRef="t" targetRef="x"/>
@@ -52,14 +52,15 @@ def model(signals: int, throw: str = _THROW) -> str:
  <scriptTask id="none"><script>kept = []</script></scriptTask>
  <intermediateCatchEvent id="h"><extensionElements><c:properties><c:property name="queue" value="10000"/>
  </c:properties></extensionElements><signalEventDefinition signalRef="S"/></intermediateCatchEvent>
- <scriptTask id="k"><script>kept.append(count)</script></scriptTask>
+ <scriptTask id="k"><script>kept.append({kept})</script></scriptTask>
  <sequenceFlow id="g1" sourceRef="s2" targetRef="none"/><sequenceFlow id="g2" sourceRef="none" targetRef="h"/>
  <sequenceFlow id="g3" sourceRef="h" targetRef="k"/><sequenceFlow id="g4" sourceRef="k" targetRef="h"/>
  </process></definitions>"""
 
 
-def engine(robot: str, backend: str, signals: int) -> None:
-    """The process of a robot. A deploys to both, and says when the link may go; B prints what it has kept."""
+def engine(robot: str, backend: str, text: str, signals: int, silence: float = LONGEST) -> None:
+    """The process of a robot. A deploys the model of a `text` to both, and says when the link may go; B prints what it
+    has kept, when it has all or nothing has come for a `silence` (s)."""
     scheduler, place, kept = WallScheduler(), int(robot == "B"), list[Any]()
     network: Any = INTERFACE
     if backend == "zenoh":
@@ -74,7 +75,7 @@ def engine(robot: str, backend: str, signals: int) -> None:
     if robot == "A":
         while len(engines(middleware)) < 2:
             scheduler.run(scheduler.now + SECOND // 10)
-        both = read_text(model(signals), file="counts.bpmn")
+        both = read_text(text, file="counts.bpmn")
         deployment = Deployment(
             both, id="d", sequence=1, scheduler=scheduler, middleware=middleware, ended=lambda _: scheduler.stop(),
             options=DeploymentOptions(patience=60.0),  # a busy machine takes long to find all ends of a topic
@@ -82,13 +83,18 @@ def engine(robot: str, backend: str, signals: int) -> None:
         deployment.begin()
         scheduler.run(scheduler.now + 60 * SECOND)
         print(json.dumps([str(progress) for progress in deployment.robots.values()]), flush=True)
+        begun = scheduler.now
+        while node.running is None or any(one.status == "running" for one in node.running.instances):
+            scheduler.run(scheduler.now + SECOND // 10)
+        print(json.dumps((scheduler.now - begun) / SECOND), flush=True)
         scheduler.run()
     until = scheduler.now + round(LONGEST * SECOND)
-    counts: list[int] = []
-    while len(counts) < signals and scheduler.now < until:
+    counts, last = list[int](), until
+    while len(counts) < signals and scheduler.now < min(until, last + round(silence * SECOND)):
         scheduler.run(scheduler.now + SECOND // 2)
         if node.running is not None and node.running.instances:
-            counts = node.running.instances[-1].variables.get("kept", [])
+            before, counts = len(counts), list(node.running.instances[-1].variables.get("kept", []))
+            last = scheduler.now if len(counts) > before else last
     scheduler.run(scheduler.now + 3 * SECOND)  # for what would come twice
     print(json.dumps(counts), flush=True)
 
@@ -136,7 +142,7 @@ def run(backend: str, signals: int, period: float = PERIOD) -> dict[str, Any]:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["engine"]:
-        engine(sys.argv[2], sys.argv[3], int(sys.argv[4]))
+        engine(sys.argv[2], sys.argv[3], model(int(sys.argv[4])), int(sys.argv[4]))
     else:
         for wanted in sys.argv[2:] or ("dds", "zenoh"):
             print(json.dumps(run(wanted, int(sys.argv[1]) if sys.argv[1:] else 10_000)), flush=True)

@@ -1,5 +1,6 @@
 """Signals with ``delivery=acknowledged`` reach every robot that catches them, once and in order, or are reported."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -145,6 +146,26 @@ def test_signals_for_a_robot_that_is_gone_are_reported_and_keep_nobody_waiting()
     assert texts[0].startswith("/tick: B has not acknowledged ")
     assert all(" within 20 s" in text for text in texts)
     assert not any(": C has" in text for text in texts)
+
+
+def test_a_thrower_learns_that_a_receiver_is_behind_long_before_signals_expire():
+    field = Field("A", "B", "C")
+    field.deploy(
+        team().replace('name="~/undelivered"', 'name="~/congested"').replace("+ [undelivered]", "+ [congested]")
+    )
+    kill(field, "B")
+    field.pass_time(4)
+    assert field.variables("A")["late"] == []
+    field.pass_time(2)
+    (text,) = field.variables("A")["late"]
+    assert re.fullmatch(r"/tick: B has not acknowledged \d+ signals, the oldest for 5\.\d s", text)
+    warnings = [text for report in field.said if report.robot == "A" for text in report.warnings]
+    assert any(text.startswith("/tick: B has not acknowledged ") for text in warnings)
+    start(field, "B")
+    field.deploy(team(), id="d2", sequence=2, only=["B"])
+    field.pass_time(2)
+    said = [report for report in field.said if report.robot == "A"]
+    assert not any("has not acknowledged" in text for text in said[-1].warnings)
 
 
 def test_a_late_joiner_gets_what_is_within_its_time_to_live():

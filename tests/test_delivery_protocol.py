@@ -15,6 +15,7 @@ from fame.robot.delivery_protocol import (
     AskReceiver,
     Expired,
     Incoming,
+    Late,
     Outgoing,
     Receiver,
     Signal,
@@ -69,6 +70,10 @@ FIRST, SECOND = Thrown("s1", 0), Thrown("s2", 0)
             (FIRST, answered("B", 1), Tick(TTL)),
             [Expired("C", (Signal(1, TTL, "s1"),))],
         ),
+        ((FIRST, answered("B", 0), Tick(TTL), answered("B", 1)), [Late("B", 1)]),
+        ((FIRST, SECOND, answered("B", 0), Tick(TTL), answered("B", 2)), [Late("B", 2)]),  # of s1 nothing is known
+        ((FIRST, answered("B", 0), Tick(TTL), answered("B", 1, "b2")), []),
+        ((FIRST, answered("B", 0), Tick(1, waiting=frozenset("B"))), [AskReceiver("C")]),
         (
             (Thrown("s1", 0, only="B"), answered("C", 0), answered("B", 0)),
             [Transmit("B", "b1", 0, Signal(1, TTL, "s1", "B"))],
@@ -84,7 +89,17 @@ def test_one_receiver_that_is_silent_keeps_no_other_one_waiting():
     state, actions = after(*many, answered("B", 0))
     assert [action.signal.number for action in actions] == list(range(1, delivery_protocol.WINDOW + 1))
     state, actions = after(answered("B", 10), state=state)
-    assert [action.signal.number for action in actions] == list(range(33, 43))
+    assert [action.signal.number for action in actions] == list(range(33, 53))  # the window has grown by ten
+
+
+def test_a_window_shrinks_when_nothing_moves_and_grows_with_what_is_acknowledged():
+    many = [Thrown(f"s{number}", 0) for number in range(1, 1001)]
+    state, _ = after(*many, answered("B", 0), *[Tick(1)] * 9, answered("B", 0))
+    assert state.receivers[0].window == 4
+    state, actions = after(answered("B", 4), state=state)
+    assert [action.signal.number for action in actions] == list(range(5, 13))
+    state, _ = after(*[answered("B", number) for number in range(5, 901)], state=state)
+    assert state.receivers[0].window == delivery_protocol.MOST
 
 
 @pytest.mark.parametrize(
@@ -122,6 +137,7 @@ class World:
     sent: tuple[str, ...] = ()
     accepted: tuple[tuple[str, str], ...] = ()
     expired: frozenset[str] = frozenset()
+    late: frozenset[str] = frozenset()
     losses: int = 1
     restarts: tuple[int, int] = (0, 0)
 
@@ -140,6 +156,9 @@ def perform(world: World, actions) -> World:
                 world = replace(world, there=(*world.there, SignalReceived("A", world.a.life)))
             case Expired(_, signals):
                 world = replace(world, expired=world.expired | {signal.data for signal in signals})
+            case Late(_, number):
+                of_life = [data for data in world.sent if data.startswith(world.a.life)]
+                world = replace(world, late=world.late | {of_life[number - 1]})
             case Accept(data):
                 world = replace(world, accepted=(*world.accepted, (world.b[0], data)))
             case Answer(_, life, number):
@@ -207,6 +226,8 @@ def broken(world: World) -> str:
         taken = [data for its, data in world.accepted if its == life and data.startswith(sender)]
         if taken != sorted(set(taken)):
             return f"{life} has accepted {taken}"
+    if wrong := world.late - (world.expired & {data for _, data in world.accepted}):
+        return f"{wrong} was not late"
     over = quiet(world)
     kept, known = {signal.data for signal in over.a.kept}, {data for _, data in over.accepted} | over.expired
     if missing := kept - {data for life, data in over.accepted if life == over.b[0]}:

@@ -52,8 +52,8 @@ class Parser(argparse.ArgumentParser):
     """An argument parser that raises FameError instead of leaving the process."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(allow_abbrev=False, **options)
-        self.formatter_class: Any = _formatter(78)
+        super().__init__(formatter_class=_formatter(78), allow_abbrev=False, **options)
+        self.formatter_class: Any = self.formatter_class  # which checkers would take for a class
         self.given: list[tuple[argparse.Action, list[str]]] = []
 
     @property

@@ -260,6 +260,7 @@ class EngineNode:
         waits = mission.get("instances") or mission.get("waits")
         still_running = self.running.runner.cancelled.texts() if self.running is not None else ()
         blind = [f"the monitor is blind: {text}" for text in self.running.host.blind.values()] if self.running else ()
+        behind = self.running.acknowledged.behind() if self.running and self.running.acknowledged else ()
         return {
             "state": self.state,
             "hash": self.hash,
@@ -267,7 +268,7 @@ class EngineNode:
             "sequence": protocol.newest[0],
             "candidate": protocol.candidate.envelope.deployment if protocol.candidate is not None else "",
             "absent": self._absences.seen(team, self.scheduler.now, lambda: engines(self.middleware)),
-            "warnings": [*(lost if waits else ()), *still_running, *blind, *self.warn.lines()],
+            "warnings": [*(lost if waits else ()), *still_running, *blind, *behind, *self.warn.lines()],
             "now": self._time.now / SECOND,
             "previous": self._history.previous(),
             **mission,

@@ -21,12 +21,14 @@ from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.interface import AnyMessage, QoS
 from fame.robot.delivery_protocol import (
+    MOST,
     Accept,
     Answer,
     Answered,
     AskReceiver,
     Expired,
     Incoming,
+    Late,
     Outgoing,
     OutgoingEvent,
     Receiver,
@@ -40,16 +42,21 @@ from fame.robot.delivery_protocol import (
 )
 from fame.robot.endpoints import subscribers_of
 from fame.robot.options import Membership
+from fame.robot.round_trip import RoundTrip
 from fame.text import read_json
 
 if TYPE_CHECKING:
     from fame.robot.node import RobotNode
 
-UNDELIVERED = "~/undelivered"
-"""The signal that a robot raises inside itself when signals have expired; its payload is the report."""
+UNDELIVERED, CONGESTED = "~/undelivered", "~/congested"
+"""Signals that a robot raises inside itself: when signals have expired, and when more are thrown than a receiver takes;
+the payload is the report."""
 _STRING = "std_msgs/msg/String"
-_QOS = QoS(depth=200)
-_TICK = SECOND // 2
+_QOS = QoS(depth=2 * MOST)
+"""What may be on the way: a window, and once more what is sent again."""
+_TICK = SECOND // 4
+_SOON = 4
+"""A receiver is behind when a signal has waited for this part of its time to live."""
 _LONGEST = 100_000_000
 """Characters of the longest message that is read."""
 
@@ -77,6 +84,8 @@ class AcknowledgedSignals:
         self.incoming: dict[str, Incoming] = {name: Incoming(self.life) for name, use in uses.items() if use.catches}
         self._begun = False
         self._timer: Entry | None = None
+        self._trips: dict[tuple[str, str], RoundTrip] = {}
+        self._congested: set[tuple[str, str]] = set()
 
     # ---- life --------------------------------------------------------------------------------------------------------
 
@@ -174,16 +183,23 @@ class AcknowledgedSignals:
         self._handle(name, event)
 
     def _handle(self, name: str, event: OutgoingEvent) -> None:
+        had = {one.robot: one.accepted for one in self.outgoing[name].receivers} if isinstance(event, Answered) else {}
         self.outgoing[name], actions = step_outgoing(self.outgoing[name], event)
+        if isinstance(event, Answered):
+            self._look_at(name, event.robot, had.get(event.robot))
         for action in actions:
             match action:
                 case Transmit(robot, life, follows, signal):
+                    self._trip(name, robot).sent(signal.number, self._node.scheduler.now)
                     content = {"receiver": life, "follows": follows, "number": signal.number, "data": signal.data}
                     self._leave(_signals(name, robot), self._own(name, content))
                 case AskReceiver(robot):
+                    self._trip(name, robot).asked(self._node.scheduler.now)
                     self._leave(_signals(name, robot), self._own(name, {}))
                 case Expired(robot, signals):
-                    self._report(name, robot, signals)
+                    self._report_expired(name, robot, signals)
+                case Late(robot, number):
+                    self._report(f"{name}: {robot} has acknowledged number {number} after all, which was reported")
         state, scheduler = self.outgoing[name], self._node.scheduler
         awaits = state.receivers or not scheduler.is_simulated  # a simulated robot alone has nobody to wait for
         if state.is_busy and awaits and (self._timer is None or self._timer.action is None):
@@ -199,19 +215,54 @@ class AcknowledgedSignals:
                 self._tick(name)
 
     def _tick(self, name: str) -> None:
-        self._handle(name, Tick(self._node.scheduler.now, tuple(self._others(_signals(name, "")))))
+        now = self._node.scheduler.now
+        waiting = frozenset(
+            robot for (topic, robot), trip in self._trips.items() if topic == name and now - trip.moved < trip.patience
+        )
+        self._handle(name, Tick(now, tuple(self._others(_signals(name, ""))), waiting))
+        state = self.outgoing[name]
+        behind = {(name, one.robot) for one in state.receivers if self._waits(state, one)[1] > state.ttl / _SOON}
+        new = behind - self._congested
+        self._congested = {pair for pair in self._congested if pair[0] != name} | behind
+        for pair in sorted(new):
+            self._report(self._behind(*pair), CONGESTED)
 
-    def _report(self, name: str, robot: str, signals: tuple[Signal, ...]) -> None:
-        """Report signals that have expired, also to the process itself."""
+    def _waits(self, state: Outgoing, receiver: Receiver) -> tuple[int, int]:
+        """How many signals a receiver has not acknowledged, and for how long the oldest has waited (ns)."""
+        owed = list(state.owed(receiver))
+        return len(owed), self._node.scheduler.now - (owed[0].expires - state.ttl) if owed else 0
+
+    def _behind(self, name: str, robot: str) -> str:
+        state = self.outgoing[name]
+        many, waited = self._waits(state, next(one for one in state.receivers if one.robot == robot))
+        return f"{name}: {robot} has not acknowledged {many} signals, the oldest for {waited / SECOND:.1f} s"
+
+    def behind(self) -> list[str]:
+        """Return which robots do not take signals as fast as they are thrown, as warnings."""
+        return [self._behind(*pair) for pair in sorted(self._congested)]
+
+    def _trip(self, name: str, robot: str) -> RoundTrip:
+        return self._trips.setdefault((name, robot), RoundTrip())
+
+    def _look_at(self, name: str, robot: str, had: int | None) -> None:
+        """Note what an answer says of the way to a robot, and of how far it is behind."""
+        receiver = next((one for one in self.outgoing[name].receivers if one.robot == robot), None)
+        if receiver is not None and receiver.accepted > (had or 0):
+            self._trip(name, robot).answered(receiver.accepted, self._node.scheduler.now)
+
+    def _report_expired(self, name: str, robot: str, signals: tuple[Signal, ...]) -> None:
         first, last, ttl = signals[0].number, signals[-1].number, self.outgoing[name].ttl / SECOND
         numbers = f"number {first}" if first == last else f"{len(signals)} of the numbers {first} to {last}"
-        text = f"{name}: {robot} has not acknowledged {numbers} within {ttl:g} s"
+        self._report(f"{name}: {robot} has not acknowledged {numbers} within {ttl:g} s", UNDELIVERED)
+
+    def _report(self, text: str, signal: str = "") -> None:
+        """Report to people, and by a `signal` to the process itself."""
         self._node.host.report("", text)
-        use = self._node.mission.types.get(UNDELIVERED)
+        use = self._node.mission.types.get(signal)
         if use is not None and use.catches:
             type = use.declared or _STRING
             message = messages.create(type, text if type == _STRING else None)
-            self._node.scheduler.soon(partial(self._node.on_message, UNDELIVERED, message))
+            self._node.scheduler.soon(partial(self._node.on_message, signal, message))
 
     # ---- what it catches ---------------------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """Acknowledged signals as pure state machines, one for each end of a topic: ``step(state, event) -> (state, actions)``.
 
 Theory of operation. A robot that throws numbers its signals and keeps each one for its time to live. Each receiver is
-sent those that it has not acknowledged, at most `WINDOW` ahead of its last acknowledgement, in their order; one that
+sent those that it has not acknowledged, at most its window ahead of its last acknowledgement, in their order; one that
 makes no progress is asked what it has, and sent the rest::
 
     thrower  ── signal 7, which follows 6 ──>  receiver      accepts 7 if 6 was the last one that it has accepted
@@ -21,6 +21,14 @@ Invariants, tried for every reachable state of both ends and the channels betwee
 - It accepts each one, or the sender reports that it has expired, or has been told that the receiver left.
 - A receiver that does not answer keeps no other one waiting.
 
+The window is that of a congestion control (RFC 5681): it begins at `WINDOW`, grows by one for each signal that is
+acknowledged, and is halved when a receiver makes no progress. Middlewares are reliable, so that most of what is late is
+on its way: who asks too early has everything sent twice. For how long a receiver may make no progress is measured
+(`fame.robot.round_trip`).
+
+A receiver may answer that the last signal it accepted is one that has been reported as expired: it was late, which is
+reported, too. Of those before it nothing is known then, since what has expired is left out for the next one.
+
 Nothing here sends, waits or looks at a clock: times (ns) come with the events, and `fame.robot.acknowledged` carries
 the actions out.
 """
@@ -32,8 +40,10 @@ from itertools import islice, takewhile
 
 from fame.dataclasses import dataclass, field, replace
 
-WINDOW = 32
-"""Signals that are on the way to a receiver at most."""
+WINDOW, _LEAST, MOST = 32, 4, 512
+"""Signals that are on the way to a receiver at most: at first, after losses, and ever."""
+_EXPIRED = 1000
+"""Numbers of expired signals that are kept for each receiver, since they may yet be acknowledged."""
 _LIVES = 8
 """Lives of a sender that a receiver remembers."""
 
@@ -59,6 +69,8 @@ class Receiver:
     sent      it was sent those up to this number
     moved     whether it has acknowledged a signal since the last `Tick`
     asked     whether it was asked what it has, and has not answered yet
+    window    signals that are on the way to it at most
+    expired   the last numbers that were reported as not acknowledged, ascending
     """
 
     robot: str
@@ -67,6 +79,8 @@ class Receiver:
     sent: int = 0
     moved: bool = False
     asked: bool = False
+    window: int = WINDOW
+    expired: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +128,11 @@ class Answered:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Some time has passed; these robots are there, and catch the topic."""
+    """Some time has passed; robots that are `present` catch the topic, and `waiting` ones may still be given time."""
 
     now: int
     present: tuple[str, ...] = ()
+    waiting: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +160,16 @@ class Expired:
     signals: tuple[Signal, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Late:
+    """Report that a robot has accepted a signal after all that was reported as expired."""
+
+    robot: str
+    number: int
+
+
 OutgoingEvent = Thrown | Answered | Tick
-OutgoingAction = Transmit | AskReceiver | Expired
+OutgoingAction = Transmit | AskReceiver | Expired | Late
 
 
 def step_outgoing(state: Outgoing, event: OutgoingEvent) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
@@ -160,12 +183,14 @@ def step_outgoing(state: Outgoing, event: OutgoingEvent) -> tuple[Outgoing, tupl
         case Answered(left=True):
             return _without(state, event), ()
         case Answered():
-            return _send_on(_answered(state, event))
-        case Tick(now, present):
+            state, late = _answered(state, event)
+            state, sent = _send_on(state)
+            return state, (*late, *sent)
+        case Tick(now, present, waiting):
             state, expired = _expire(state, now)
             known = {receiver.robot for receiver in state.receivers}
             new = tuple(Receiver(robot) for robot in present if robot not in known)
-            state, asked = _ask(replace(state, receivers=(*state.receivers, *new)))
+            state, asked = _ask(replace(state, receivers=(*state.receivers, *new)), waiting)
             return state, (*expired, *asked)
 
 
@@ -179,24 +204,33 @@ def _expire(state: Outgoing, now: int) -> tuple[Outgoing, list[OutgoingAction]]:
         missed = tuple(takewhile(lambda signal: signal.number <= last, state.owed(receiver)))
         if missed:
             actions.append(Expired(receiver.robot, missed))
-        receivers.append(replace(receiver, accepted=max(receiver.accepted, last), sent=max(receiver.sent, last)))
+        expired = (*receiver.expired, *(signal.number for signal in missed))[-_EXPIRED:]
+        accepted, sent = max(receiver.accepted, last), max(receiver.sent, last)
+        receivers.append(replace(receiver, accepted=accepted, sent=sent, expired=expired))
     return replace(state, kept=state.kept[len(over) :], receivers=tuple(receivers)), actions
 
 
-def _answered(state: Outgoing, event: Answered) -> Outgoing:
+def _answered(state: Outgoing, event: Answered) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
     """Note what a receiver has; a robot that is not known yet joins late."""
     number = min(event.number, state.last) if event.sender == state.life else 0
     receiver = next((one for one in state.receivers if one.robot == event.robot), None)
+    late = False
     if receiver is None or receiver.life != event.life:
         receiver = Receiver(event.robot, event.life, number, number)
     else:
         accepted = max(receiver.accepted, number)
         sent = accepted if receiver.asked else max(receiver.sent, accepted)  # asked without progress: the rest was lost
         moved = receiver.moved or accepted > receiver.accepted
-        receiver = replace(receiver, accepted=accepted, sent=sent, moved=moved, asked=False)
+        window = min(receiver.window + accepted - receiver.accepted, MOST)
+        late = number in receiver.expired
+        expired = tuple(one for one in receiver.expired if one > number)
+        receiver = replace(
+            receiver, accepted=accepted, sent=sent, moved=moved, asked=False, window=window, expired=expired
+        )
     others = (one if one.robot != event.robot else receiver for one in state.receivers)
     known = any(one.robot == event.robot for one in state.receivers)
-    return replace(state, receivers=(*others, *(() if known else (receiver,))))
+    noted = replace(state, receivers=(*others, *(() if known else (receiver,))))
+    return noted, (Late(event.robot, number),) if late else ()
 
 
 def _without(state: Outgoing, event: Answered) -> Outgoing:
@@ -209,7 +243,7 @@ def _send_on(state: Outgoing) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
     """Send every receiver what it is owed, as far as its window goes."""
     receivers, actions = [], list[OutgoingAction]()
     for receiver in state.receivers:
-        sent, follows, owed = receiver.sent, 0, tuple(islice(state.owed(receiver), WINDOW))
+        sent, follows, owed = receiver.sent, 0, tuple(islice(state.owed(receiver), receiver.window))
         if owed and not receiver.life and not receiver.asked:
             actions.append(AskReceiver(receiver.robot))
             receiver = replace(receiver, asked=True)
@@ -222,13 +256,17 @@ def _send_on(state: Outgoing) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
     return replace(state, receivers=tuple(receivers)), tuple(actions)
 
 
-def _ask(state: Outgoing) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
+def _ask(state: Outgoing, waiting: frozenset[str]) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
     """Ask the receivers that have made no progress; while signals are kept, also those that have all: are they new?"""
     receivers, actions = [], list[OutgoingAction]()
     for receiver in state.receivers:
-        if asked := bool(state.kept) and not receiver.moved:
-            actions.append(AskReceiver(receiver.robot))
-        receivers.append(replace(receiver, moved=False, asked=asked))
+        asked, window = receiver.asked, receiver.window
+        if receiver.robot not in waiting:
+            if asked := bool(state.kept) and not receiver.moved:
+                actions.append(AskReceiver(receiver.robot))
+                window = max(window // 2, _LEAST) if receiver.sent > receiver.accepted else window
+            receiver = replace(receiver, moved=False)
+        receivers.append(replace(receiver, asked=asked, window=window))
     return replace(state, receivers=tuple(receivers)), tuple(actions)
 
 
