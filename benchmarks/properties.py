@@ -20,7 +20,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from fame.properties import Judge, Monitor, compile, parse, vocabulary_of
-from fame.properties.monitor import OPENS, OTHER
+from fame.properties.parts import OPENS, OTHER
 from fame.scenario import Scenario
 from fame.scenario.explore.exploration import cast_of, explore
 from fame.scenario.judging import team_vocabulary

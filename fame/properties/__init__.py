@@ -5,7 +5,7 @@
     sentence    what a property says, as data
     grammar     parse its text (docs/property_sentences.md has the grammar and the meaning of each pattern)
     vocabulary  the robots, elements, topics and variables of a collaboration, which sentences name
-    monitor     compile a property: a `Monitor`, whose state is plain data
+    monitor     compile a property: a `Monitor`, whose state is plain data; parts: its state machines
     conditions  values and comparisons
     judge       many monitors, fed with the events and values of a run; judgement: what it says
     files       properties in YAML files; diagram: deadlines in models

@@ -14,17 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from fame.properties.conditions import STALE, RobotPosition, ValueSource, pose_of
 from fame.properties.judgement import ABSENT, SEVERAL, Judgement
-from fame.properties.monitor import (
-    OPEN,
-    SECOND,
-    UNKNOWN,
-    VIOLATED,
-    Happening,
-    Monitor,
-    Part,
-    PartState,
-    Verdict,
-)
+from fame.properties.monitor import Happening, Monitor
+from fame.properties.parts import OPEN, SECOND, UNKNOWN, VIOLATED, Part, PartState, Verdict
 
 if TYPE_CHECKING:
     from fame.engine.state import Trail

@@ -8,7 +8,7 @@ from typing import Any
 
 from fame.dataclasses import dataclass
 from fame.errors import NOT_KNOWN
-from fame.properties.monitor import VerdictWord
+from fame.properties.parts import VerdictWord
 
 HEADS = ("property", "verdict", "slack", "why")
 """Columns of a table of judgements (`Judgement.row`)."""

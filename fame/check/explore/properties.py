@@ -27,7 +27,8 @@ from fame.dataclasses import dataclass, replace
 from fame.properties import Monitor, Verdict
 from fame.properties.conditions import LastValues, ValueSource, subjects
 from fame.properties.judgement import ABSENT, SEVERAL
-from fame.properties.monitor import OPEN, UNKNOWN, Happening, Part, PartState, State
+from fame.properties.monitor import Happening, State
+from fame.properties.parts import OPEN, UNKNOWN, Part, PartState
 
 Proof = Literal["proved", "not triggered", "refuted", "not known"]
 PROOFS: tuple[Proof, ...] = ("refuted", "not known", "not triggered", "proved")
