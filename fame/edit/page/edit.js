@@ -56,10 +56,11 @@ class Edit {
     this.ready = false;
     try {
       await this.modeler.importXML(text);
+      await this.written(); // which puts shapes in order once
       this.base = await this.written();
       if (drawn) await this.modeler.importXML(drawn);
     } catch (error) {
-      byId("findings").replaceChildren(h("p", { cls: "error" }, `It cannot be drawn: ${messageOf(error)}`));
+      byId("findings").replaceChildren(h("p", { cls: "error" }, `It cannot be drawn by this library: ${messageOf(error)}`));
       return;
     }
     Object.assign(this.mission, { text });
