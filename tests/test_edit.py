@@ -19,9 +19,12 @@ from urllib.request import urlopen
 
 import pytest
 from bpmn_text import process
+from lxml import etree
 from test_diff import DRAWN, FLOWS, OTHERS, TASK
 from view_page import eventually, until
 
+from fame.bpmn import read_text
+from fame.check import check
 from fame.cli import main
 from fame.edit import modeler
 from fame.edit.session import ModelEdit
@@ -291,6 +294,78 @@ def test_findings_are_at_the_elements_and_in_a_list(chromium: Browser, library: 
         assert page.evaluate("edit.modeler.get('selection').get().map(one => one.id)") == ["t"]
         page.evaluate(change % "a = 2")
         until(page, "document.querySelector('.mark.error') === null")
+
+
+GATE = """<exclusiveGateway id="t" name="many?"/><endEvent id="e1"/><endEvent id="e2"/>
+<sequenceFlow id="g" sourceRef="t" targetRef="e1"><conditionExpression>1 > x</conditionExpression></sequenceFlow>
+<sequenceFlow id="h" sourceRef="t" targetRef="e2"/>"""
+THROW = """<intermediateThrowEvent id="t"><signalEventDefinition signalRef="S"/></intermediateThrowEvent>
+<sequenceFlow id="g" sourceRef="t" targetRef="c"/>
+<intermediateCatchEvent id="c"><signalEventDefinition signalRef="{}"/></intermediateCatchEvent>"""
+SIGNALS = '<signal id="S" name="weed_found"/><signal id="R" name="weed_fund"/>'
+FAILING = """<subProcess id="t"><startEvent id="b"/><sequenceFlow id="g" sourceRef="b" targetRef="c"/>
+<endEvent id="c"><errorEventDefinition errorRef="E"/></endEvent></subProcess>
+<boundaryEvent id="y" attachedToRef="t"><errorEventDefinition errorRef="F"/></boundaryEvent>"""
+ERRORS = '<error id="E" name="E" errorCode="lost"/><error id="F" name="F" errorCode="lots"/>'
+MISSPELT = """<intermediateThrowEvent id="t"><extensionElements><camunda:properties>
+<camunda:property name="payload" value="1"/><camunda:property name="tpye" value="std_msgs/msg/Int32"/>
+</camunda:properties></extensionElements><signalEventDefinition signalRef="S"/></intermediateThrowEvent>"""
+MENDED = {
+    "queue": (FLOWS + THROW.format("S"), SIGNALS, "add queue = 1 to c"),
+    "default": (FLOWS + GATE, "", "mark it as the default"),
+    "signal": (FLOWS + THROW.format("R"), SIGNALS, "rename it to /weed_"),
+    "error": (FLOWS + FAILING, ERRORS, "catch lost"),
+    "property": (FLOWS + MISSPELT, SIGNALS, "rename it to type"),
+}
+
+
+def drawn_all(body: str, more: str) -> str:
+    """A process with a shape for each element, and an edge for each flow."""
+    text = process(body, more)
+    root = etree.fromstring(text.encode())
+    nodes = [one for one in root.iter() if one.get("id") and one.get("sourceRef") is None and len(one.get("id")) < 3]
+    shapes = "".join(
+        f'<bpmndi:BPMNShape id="di_{one.get("id")}" bpmnElement="{one.get("id")}">'
+        f'<dc:Bounds x="{150 * place}" y="0" width="100" height="80"/></bpmndi:BPMNShape>'
+        for place, one in enumerate(nodes)
+        if etree.QName(one).localname not in ("process", "signal", "error")
+    ) + "".join(
+        f'<bpmndi:BPMNEdge id="di_{one.get("id")}" bpmnElement="{one.get("id")}"><di:waypoint x="0" y="0"/>'
+        f'<di:waypoint x="9" y="9"/></bpmndi:BPMNEdge>'
+        for one in root.iter()
+        if one.get("sourceRef")
+    )
+    plane = f'<bpmndi:BPMNPlane id="pl" bpmnElement="P">{shapes}</bpmndi:BPMNPlane>'
+    return process(body, f'{more}<bpmndi:BPMNDiagram id="dg">{plane}</bpmndi:BPMNDiagram>')
+
+
+@pytest.mark.parametrize("kind", MENDED)
+def test_a_finding_with_a_fix_says_what_to_change(kind: str, tmp_path: Path) -> None:
+    body, more, text = MENDED[kind]
+    found = [one.fix for one in check(read_text(process(body, more), file="m.bpmn")) if one.fix is not None]
+    assert [(one.kind if one.kind != "property" else one.name, one.text[: len(text)]) for one in found][:1] == [
+        ({"property": "type"}.get(kind, kind), text)
+    ]
+
+
+@pytest.mark.parametrize("kind", MENDED)
+def test_a_click_mends_what_is_found_and_can_be_undone(
+    chromium: Browser, library: Path, model: Path, kind: str
+) -> None:
+    body, more, text = MENDED[kind]
+    model.write_text(drawn_all(body, more), "utf-8")
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        fix = page.locator(".fix", has_text=text).first
+        fix.click()
+        until(
+            page, f"edit.changes === edit.checked && !document.querySelector('#findings').innerText.includes({text!r})"
+        )
+        page.locator("#save").click()
+        until(page, "document.querySelector('#state').textContent === 'saved'")
+        page.locator("#undo").click()
+        fix.wait_for()
+    left = [one.fix.text for one in check(read_text(model.read_text("utf-8"), file="m.bpmn")) if one.fix is not None]
+    assert [one for one in left if one.startswith(text)] == []
 
 
 def test_of_two_windows_on_a_file_none_overwrites_the_other(chromium: Browser, library: Path, model: Path) -> None:

@@ -27,7 +27,7 @@ from fame.bpmn.model import (
 )
 from fame.check.expressions import cover_all
 from fame.check.graph import FlowGraph, ends_all, graph_of, link_of, may_stop, passes_at_once, passes_in_time
-from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, Level
 
 _Passes = Callable[[FlowNode], bool]
 """Whether a token certainly passes a node."""
@@ -132,7 +132,8 @@ def _open_flows(process: CheckedProcess, gateway: Gateway, flows: list[SequenceF
             text = (
                 f"has no condition, so {gateway.display_name} always takes it: give it one, or mark it as the default"
             )
-            yield process.finding("warning", text, flow)
+            fix = Fix("mark it as the default", gateway.id, "default", flow.id) if not gateway.default else None
+            yield process.finding("warning", text, flow, fix=fix)
 
 
 # ---- start and end events --------------------------------------------------------------------------------------------

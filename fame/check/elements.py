@@ -32,7 +32,7 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.pools import pools_of
 from fame.check.expressions import expressions_in
-from fame.check.scope import CheckedProcess, CheckScope, Finding, of_error
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, of_error
 from fame.check.variables import sets_something
 from fame.errors import ModelError
 from fame.properties.diagram import seems_property
@@ -126,8 +126,9 @@ def _misspelt(process: CheckedProcess, element: Element, known: Set[str]) -> Ite
         swapped = [each for each in known if sorted(each) == sorted(name.lower())]  # tpye
         similar = swapped or difflib.get_close_matches(name.lower(), known, 1, 0.8)
         if similar and name not in known:
-            text = f"its property {name!r} has no effect: did you mean {similar[0]!r}?"
-            yield process.finding("warning", text, element)
+            text, value = f"its property {name!r} has no effect: did you mean {similar[0]!r}?", element.properties[name]
+            fix = Fix(f"rename it to {similar[0]}", element.id, "property", value, similar[0], name)
+            yield process.finding("warning", text, element, fix=fix)
 
 
 def _namespaces(definitions: Definitions) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from fame.bpmn.model import Expression, FlowNode, Topic
-from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, Level
 from fame.check.service_topics import served_topics, service_places
 from fame.dataclasses import dataclass
 from fame.engine.data import match, match_prefix, unfilled, variable_name
@@ -38,8 +38,8 @@ class TopicEndpoint:
     tries: bool = False
     label: str = ""
 
-    def finding(self, level: Level, text: str) -> Finding:
-        return self.process.finding(level, text, self.node, self.line)
+    def finding(self, level: Level, text: str, fix: Fix | None = None) -> Finding:
+        return self.process.finding(level, text, self.node, self.line, fix)
 
 
 Topics = Mapping[str, list[TopicEndpoint]]

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 
 from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, Task, TimerDefinition
-from fame.check.scope import CheckedProcess, CheckScope, Finding
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
 from fame.scripting import script_effects
 
@@ -92,7 +92,9 @@ def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode) -> Ite
                 f"did you mean {similar[0]!r}?" if similar else f"it throws {', '.join(sorted(thrown)) or 'no errors'}"
             )
             text = f"catches error {code!r}, which nothing in {activity.display_name} throws; {known}"
-            yield process.finding("warning", text, event)
+            only = similar and len(event.definitions) == 1
+            fix = Fix(f"catch {similar[0]}", event.id, "error", similar[0]) if only else None
+            yield process.finding("warning", text, event, fix=fix)
 
 
 def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) -> set[str] | None:

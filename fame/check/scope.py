@@ -22,6 +22,22 @@ LEVELS: tuple[Level, ...] = ("error", "warning", "note")
 
 
 @dataclass(frozen=True, slots=True)
+class Fix:
+    """A change of one element that ends a finding, if it was meant so.
+
+    `text` is what a button says. `kind` is what gets the `value`: an extension ``property`` of this name (in place of
+    `instead`), the ``default`` flow of a gateway, the name of the ``signal`` or the code of the ``error`` of an event.
+    """
+
+    text: str
+    element: str
+    kind: Literal["property", "default", "signal", "error"]
+    value: str
+    name: str = ""
+    instead: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One problem or note.
 
@@ -36,6 +52,7 @@ class Finding:
     element: str = ""
     name: str = ""
     column: int = 0
+    fix: Fix | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         """One line: ``mission.bpmn:12: warning: "Sure?" (Gateway_1): ...``."""
@@ -80,9 +97,9 @@ class CheckedProcess:
     def file(self) -> str:
         return self.definitions.file
 
-    def finding(self, level: Level, text: str, element: Element, line: int = 0) -> Finding:
+    def finding(self, level: Level, text: str, element: Element, line: int = 0, fix: Fix | None = None) -> Finding:
         """Return a finding at one of its elements; `line` if it differs from that of the element."""
-        return Finding(level, text, self.file, line or element.line, element.id)
+        return Finding(level, text, self.file, line or element.line, element.id, fix=fix)
 
     def bodies(self) -> Iterator[Body]:
         """Return its body and those of its sub-processes at any depth."""

@@ -18,7 +18,7 @@ from functools import partial
 from fame.bpmn.model import Body, FlowNode, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
 from fame.check.graph import FlowGraph, graph_of, passes_at_once
-from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, Level
 from fame.dataclasses import dataclass, field
 from fame.errors import MessageError
 from fame.iso8601 import parse_duration
@@ -235,7 +235,10 @@ def _too_early(roots: Sequence[CheckedProcess], public: Topics, thrown: Topics, 
             _only_as_it_begins(roots, end) and _is_early(roots, public, end, catches) for end in throws
         ):
             text = f"throws {name} as the mission begins, before {catches[0].node.display_name} can wait for it"
-            yield throws[0].finding(level, f"{text}: signals are not stored, so give the catching event a queue")
+            text += ": signals are not stored, so give the catching event a queue"
+            yield throws[0].finding(
+                level, text, _queue(catches[0]) if catches[0].process.file == throws[0].process.file else None
+            )
 
 
 def _is_early(
@@ -305,7 +308,11 @@ def _throw_before_catch(scope: CheckScope, name: str, ends: Sequence[TopicEndpoi
             if end.node is node and end.process is throws[0].process and end.topic is not None and not end.topic.queue:
                 only = throws[0].node.display_name
                 text = f"waits for {name}, which only {only} throws, immediately before: signals are not stored"
-                yield end.finding(level, f"{text}, so give the catching event a queue")
+                yield end.finding(level, f"{text}, so give the catching event a queue", _queue(end))
+
+
+def _queue(end: TopicEndpoint) -> Fix:
+    return Fix(f"add queue = 1 to {end.node.label}", end.node.id, "property", "1", "queue")
 
 
 def _has_twins(scope: CheckScope, process: CheckedProcess) -> bool:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
-from fame.bpmn.model import Expression, FlowNode, Topic
+from fame.bpmn.model import Expression, FlowNode, SignalDefinition, Topic
 from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, name_conflict, topic_table
 from fame.check.endpoints import (
     TopicEndpoint,
@@ -24,7 +24,7 @@ from fame.check.endpoints import (
     select_topics,
     taken_by_prefix,
 )
-from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, Level
 from fame.engine import UNDEFINED
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
@@ -167,16 +167,19 @@ def check_topic_partners(scope: CheckScope) -> Iterator[Finding]:
         if drawn is None or (catches and (throws or name in scope.outside)):
             continue
         does, other = ("throws", "catches") if throws else ("waits for", "throws")
-        text = f"{does} {name}, but nothing in {where} {other} it{_similar(name, ends, public)}"
-        yield drawn.finding(level, text)
+        similar = _similar(name, ends, public)
+        text = f"{does} {name}, but nothing in {where} {other} it{f'; did you mean {similar}?' if similar else ''}"
+        signal = similar and any(isinstance(one, SignalDefinition) for one in drawn.node.definitions)
+        fix = Fix(f"rename it to {similar}", drawn.node.id, "signal", similar.removeprefix("/")) if signal else None
+        yield drawn.finding(level, text, fix)
 
 
 def _similar(name: str, ends: Sequence[TopicEndpoint], topics: Topics) -> str:
-    """A suggestion: a topic of a similar name that lacks the other side."""
+    """A topic of a similar name that lacks the other side; empty without."""
     throws = ends[0].throws
     lonely = {one.casefold(): one for one, its in topics.items() if all(end.throws != throws for end in its)}
     close = difflib.get_close_matches(name.casefold(), sorted(lonely), 1, 0.8)
-    return f"; did you mean {lonely[close[0]]}?" if close else ""
+    return lonely[close[0]] if close else ""
 
 
 # ---- messages to pools of several robots -----------------------------------------------------------------------------

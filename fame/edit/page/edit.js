@@ -1,6 +1,7 @@
 // The page that edits a model: the library that draws, what is found in the model while it is drawn, and its file.
 
 import { byId, h, icon, messageOf } from "./dom.js";
+import { mend } from "./fixes.js";
 import { source } from "./source.js";
 
 const REST = 80; // ms without a change, after which the model is checked
@@ -9,7 +10,7 @@ const LEVELS = ["error", "warning", "note"];
 const COUNTS = { error: "failed", warning: "warning", note: "" };
 
 /**
- * @typedef {{level: string, text: string, element: string, name: string, line: number}} Finding
+ * @typedef {{level: string, text: string, element: string, name: string, line: number, fix: any}} Finding
  * @typedef {{title: string, text: string, hash: string, modeler: string, templates: object[]}} Model
  */
 
@@ -60,7 +61,9 @@ class Edit {
       this.base = await this.written();
       if (drawn) await this.modeler.importXML(drawn);
     } catch (error) {
-      byId("findings").replaceChildren(h("p", { cls: "error" }, `It cannot be drawn by this library: ${messageOf(error)}`));
+      byId("findings").replaceChildren(
+        h("p", { cls: "error" }, `It cannot be drawn by this library: ${messageOf(error)}`),
+      );
       return;
     }
     Object.assign(this.mission, { text });
@@ -115,10 +118,15 @@ class Edit {
   list() {
     const rows = this.findings.map((one) =>
       h(
-        "button",
-        { onclick: () => this.select(one.element), dataset: { element: one.element } },
-        h("span", { cls: one.level }, one.level),
-        h("span", null, one.name || one.element ? `${one.name || one.element}: ` : "", one.text),
+        "div",
+        { cls: "finding" },
+        h(
+          "button",
+          { onclick: () => this.select(one.element), dataset: { element: one.element } },
+          h("span", { cls: one.level }, one.level),
+          h("span", null, one.name || one.element ? `${one.name || one.element}: ` : "", one.text),
+        ),
+        one.fix && h("button", { cls: "text fix", onclick: () => mend(this.modeler, one.fix) }, one.fix.text),
       ),
     );
     byId("findings").replaceChildren(...rows);
