@@ -32,6 +32,7 @@ ROOMS: Mapping[str, Room] = {
         ("fame.check.explore", "fame.scenario.explore", "fame.cli.exploration"),
         "every reachable state of a collaboration",
     ),
+    "layout": Room(("fame.layout",), "diagrams of models that have none"),
     "judge": Room(
         (
             *("fame.properties.judge", "fame.scenario.judging", "fame.log.judge", "fame.log.live_judge"),
@@ -210,6 +211,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "edit": "fame.cli.edit:add",
         "diff": "fame.cli.diff:add",
         "split": "fame.cli.models:add_split",
+        "layout": "fame.cli.models:add_layout",
         "convert": "fame.cli.models:add_convert",
         "library": "fame.cli.models:add_library_command",
         "templates": "fame.cli.models:add_templates",
@@ -245,6 +247,7 @@ MIDDLEWARES: Mapping[str, str] = {
 
 # ---- what else the core uses of rooms --------------------------------------------------------------------------------
 
+ADD_DIAGRAM = "fame.layout:add_diagram"
 DDS_TYPE = "fame.middleware.dds.wire:declared"
 EXPLORE_FOUND = "fame.scenario.explore.exploration:explore_found"
 EXPLORE_MIGRATED = "fame.scenario.explore.exploration:explore_migrated"
@@ -256,6 +259,7 @@ JAVASCRIPT_HOST = "fame.scripting.javascript:HostApi"
 JUDGE_COMMAND = "fame.cli.judging:judge"
 JUDGE_FOR = "fame.cli.judging:live_judge"
 JUDGE_LOG = "fame.log.judge:judge_log"
+LAY_OUT = "fame.layout:lay_out"
 MONITOR_INPUTS = "fame.cli.monitor.models:add_inputs"
 MONITOR_ON_PAGE = "fame.cli.monitor.models:judged_on_page"
 RUN_JUDGE = "fame.scenario.judging:RunJudge"

@@ -191,7 +191,7 @@ REQUESTS = {
     "nowhere to split to": (["split", "mission.bpmn"], ("--output",)),
     "splitting into a file": (["split", "mission.bpmn", "-o", "mission.bpmn"], ("mission.bpmn", "exists")),
     "a drawing of unknown form": (["draw", "mission.bpmn", "-o", "out.pdf"], ("out.pdf", ".svg")),
-    "no diagram to draw": (["draw", "mission.bpmn", "-o", "out.svg"], ("mission.bpmn", "no diagram")),
+    "a layout of unknown form": (["layout", "mission.bpmn", "-o", "out.svg"], ("out.svg", ".bpmn")),
     "a library that is not there": (["run", "mission.bpmn", "--library", "gone"], ("gone", "not a folder")),
     "checking a folder": (["check", "."], (".: expected files", ".bpmn")),
     "checking what is not there": (["check", "mission.bpmn", "gone.bpmn"], ("gone.bpmn", "no such file")),

@@ -265,9 +265,13 @@ def test_colours_of_the_modeler_are_kept() -> None:
     assert 'fill="#bbdefb" stroke="#0d4372"' in picture
 
 
-def test_a_file_without_a_diagram_cannot_be_drawn() -> None:
-    with pytest.raises(ModelError, match=r"plain\.bpmn: the file has no diagram"):
-        draw(read_text(process('<task id="t"/>'), file="plain.bpmn"))
+def test_a_file_without_a_diagram_is_laid_out() -> None:
+    assert '<g id="t">' in draw(read_text(process('<task id="t"/>')))
+
+
+def test_a_file_with_nothing_that_is_drawn_has_no_picture() -> None:
+    with pytest.raises(ModelError, match=r"plain\.bpmn: expected a pool, or a process with a flow node"):
+        draw(read_text(process(""), file="plain.bpmn"))
 
 
 def test_the_same_file_gives_the_same_picture() -> None:

@@ -11,8 +11,10 @@ from PIL import Image, ImageColor
 from recorded_runs import record
 
 from fame.bpmn import read_text
+from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.clock import SECOND
+from fame.errors import ModelError
 from fame.log.recording import Recording
 from fame.robot.events import Event
 from fame.scenario import Scenario, film_diagram, films
@@ -142,8 +144,16 @@ def test_a_diagram_of_any_size_is_drawn_in_bounded_memory(monkeypatch: pytest.Mo
     assert drawn._still.width * drawn._still.height < 2e5
 
 
-def test_a_recording_with_neither_diagram_nor_world_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def unable(model: Definitions) -> None:
+    """In place of the layout: a model for which there is none."""
+    raise ModelError("it cannot be laid out")
+
+
+def test_a_recording_with_neither_diagram_nor_world_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "plain.bpmn").write_text(process('<startEvent id="s"/>'))
+    monkeypatch.setattr("fame.layout.lay_out", unable)
     run = str(tmp_path / "run.mcap")
     main(["run", str(tmp_path / "plain.bpmn"), "--quiet", "--log", run])
     assert main(["draw", run, "-o", str(tmp_path / "x.gif")]) == 2
@@ -165,9 +175,10 @@ def test_a_run_without_a_world_has_a_film_of_its_diagram(tmp_path: Path, capsys:
 
 
 def test_what_has_neither_diagram_nor_world_is_refused_before_it_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "plain.bpmn").write_text(process('<startEvent id="s"/>'))
+    monkeypatch.setattr("fame.layout.lay_out", unable)
     film = tmp_path / "x.gif"
     assert main(["run", str(tmp_path / "plain.bpmn"), "--animate", str(film)]) == 2
     told = capsys.readouterr()

@@ -23,6 +23,7 @@ ROOT = Path(__file__).parent.parent
 LAYERS = (
     (
         "fame.bpmn",
+        "fame.layout",
         "fame.closing",
         "fame.config",
         "fame.clock",

@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from bpmn_text import process
 from lxml import etree
 
 import fame
@@ -40,9 +41,10 @@ def test_a_model_shows_its_diagram_and_its_name_in_one_line() -> None:
     assert repr(definitions) == f"Definitions({str(MODEL)!r}, processes: Process_REX, Process_DINGO)"
 
 
-def test_a_model_without_a_diagram_shows_its_name_alone() -> None:
+def test_a_model_without_a_diagram_is_laid_out_and_an_empty_one_shows_its_name_alone() -> None:
     definitions = read_text(TIMER, file="timer.bpmn")
-    assert definitions._repr_svg_() is None
+    assert str(definitions._repr_svg_()).startswith("<svg")
+    assert read_text(process(""))._repr_svg_() is None
     assert repr(definitions) == "Definitions('timer.bpmn', processes: p)"
 
 

@@ -43,6 +43,7 @@ OF_ROOMS = {
         "run p.bpmn",
         "log record --properties p.properties.yaml -o r.mcap",
     ),
+    "layout": ("layout m.bpmn -o l.bpmn",),
     "monitor": ("monitor judge m.skops m.csv", "monitor", "run node.bpmn", "topic list", "record x.yaml -o m.csv"),
     "ros": ("engine REX --middleware ros",),
     "testing": ("test test_m.py",),

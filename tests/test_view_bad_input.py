@@ -13,9 +13,10 @@ import pytest
 from recorded_runs import record
 from view_page import opened, until
 
+from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.cli import main
-from fame.errors import ConfigError
+from fame.errors import ConfigError, ModelError
 from fame.log import logging_to
 from fame.log.recording_file import RecordingFile
 from fame.scenario import Scenario
@@ -196,13 +197,20 @@ def test_a_run_that_was_not_recorded_by_the_command_is_not_run_again(
     assert "cannot be run again: it is not a recording of fame run" in capsys.readouterr().err
 
 
-def test_a_model_without_a_diagram_has_its_elements(chromium: Browser, tmp_path: Path) -> None:
+def test_a_model_that_cannot_be_laid_out_has_its_elements(
+    chromium: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bare = Path(__file__).parent.parent / "models" / "ground_vehicles.bpmn"
     text = bare.read_text(encoding="utf-8")
     start, end = text.index("<bpmndi:BPMNDiagram"), text.index("</bpmndi:BPMNDiagram>") + len("</bpmndi:BPMNDiagram>")
     model = tmp_path / "bare.bpmn"
     model.write_text(text[:start] + text[end:], encoding="utf-8")
     assert not read(model).shapes
+
+    def unable(model: Definitions) -> None:
+        raise ModelError("it cannot be laid out")
+
+    monkeypatch.setattr("fame.layout.lay_out", unable)
     scenario, path = Scenario.load(model, duration=1), tmp_path / "run.mcap"
     with logging_to(path, [scenario.definitions]) as log:  # without the behaviours that it calls, which have a diagram
         scenario.run(observer=log)

@@ -1,4 +1,4 @@
-"""Commands on model files: ``fame split``, ``convert``, ``draw``, ``library`` and ``templates``."""
+"""Commands on model files: ``fame split``, ``convert``, ``layout``, ``draw``, ``library`` and ``templates``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, add_show, command
 from fame.cli.output import note, print_json, progress_line
-from fame.errors import ConfigError
+from fame.errors import ConfigError, ModelError, UnavailableError
 from fame.text import write_file
 
 if TYPE_CHECKING:
@@ -45,7 +45,18 @@ def run_split(arguments: Namespace) -> int:
         if other != part.name:
             text = f"pools {other!r} and {part.name!r} would be written to one file, {part.filename}: rename one"
             raise ConfigError(text, file=str(arguments.model))
-    return _write(arguments, {part.name: (part.filename, part.source) for part in parts})
+    return _write(arguments, {part.name: (part.filename, _with_diagram(part.source)) for part in parts})
+
+
+def _with_diagram(source: bytes) -> bytes:
+    """A part with what its diagram lacks, if there is something to draw and the room for that is there."""
+    from fame.bpmn.reader import read_bytes
+    from fame.rooms import ADD_DIAGRAM, load
+
+    try:
+        return bytes(load(ADD_DIAGRAM)(read_bytes(source)))
+    except (ModelError, UnavailableError):
+        return source
 
 
 def _write(arguments: Namespace, files: Mapping[str, tuple[str, bytes]]) -> int:
@@ -86,15 +97,52 @@ def run_convert(arguments: Namespace) -> int:
     from fame.bpmn.conversion import convert
     from fame.bpmn.reader import read, read_bytes
 
-    if arguments.output.suffix.lower() not in (".bpmn", ".xml"):
-        text = f"expected a file with the ending .bpmn or .xml, got {arguments.output.suffix!r}"
-        raise ConfigError(text, file=str(arguments.output))
+    _check_ending(arguments.output)
     definitions = read(arguments.model)
     source = convert(definitions, semantics=arguments.semantics)
     read_bytes(source, file=str(arguments.output))
+    return _write_model(arguments, source, changed=source != definitions.source)
+
+
+def _check_ending(path: Path) -> None:
+    """Raise ConfigError if a file to be written does not end like a model."""
+    if path.suffix.lower() not in (".bpmn", ".xml"):
+        text = f"expected a file with the ending .bpmn or .xml, got {path.suffix!r}"
+        raise ConfigError(text, file=str(path))
+
+
+_LAYOUT_EXAMPLES = (
+    "fame layout generated.bpmn -o mission.bpmn",
+    "fame layout mission.bpmn -o mission.bpmn",
+    "fame layout mission.bpmn -o again.bpmn --all",
+)
+
+
+def add_layout(commands: Commands) -> None:
+    parser = command(
+        commands, "layout", run_layout, examples=_LAYOUT_EXAMPLES,
+        help="add a diagram to a model that has none, or what its diagram lacks; nothing else of the file changes",
+    )  # fmt: skip
+    parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.bpmn", required=True, help="file to write")
+    parser.add_argument("--all", action="store_true", help="lay out everything, also what has a place in the diagram")
+    add_json(parser)
+
+
+def run_layout(arguments: Namespace) -> int:
+    """Write the file and name it."""
+    from fame.bpmn.reader import read
+    from fame.rooms import ADD_DIAGRAM, load
+
+    _check_ending(arguments.output)
+    definitions = read(arguments.model)
+    source = load(ADD_DIAGRAM)(definitions, again=arguments.all)
+    return _write_model(arguments, source, changed=source != definitions.source)
+
+
+def _write_model(arguments: Namespace, source: bytes, *, changed: bool) -> int:
     write_file(arguments.output, source)
     if arguments.json:
-        changed = source != definitions.source
         print_json({"status": "completed", "file": str(arguments.output), "changed": changed})
     else:
         print(arguments.output)

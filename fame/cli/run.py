@@ -348,12 +348,13 @@ def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
         require("pymunk")
     if not _drawings(arguments):
         return
+    from fame.bpmn.draw.diagram import is_drawable
     from fame.scenario.films import FILMS, PICTURE, check_film
 
     for path, endings in ((arguments.picture, (PICTURE,)), (arguments.animate, FILMS)):
         if path is not None:
             check_film(path, endings, arguments.show)
-            if path == arguments.animate and arguments.show != "world" and scenario.definitions.shapes:
+            if path == arguments.animate and arguments.show != "world" and is_drawable(scenario.definitions):
                 continue  # a film of the diagram
             if scenario.world is None:
                 raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))

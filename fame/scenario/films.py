@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from fame.bpmn.draw.diagram import is_drawable, with_diagram
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.dataclasses import dataclass
@@ -71,8 +72,8 @@ def read_run(source: str | Path) -> FilmedRun:
         events = list(recording.events())
         for event in events:
             captions.add(event)
-        drawn = [file for file in models if file.shapes and not cast.keys().isdisjoint(last.robots)]
-        model = next((file for file in drawn if any(one in cast.values() for one in file.processes)), None)
+        model = next((file for file in models if any(one in cast.values() for one in file.processes)), None)
+        model = with_diagram(model) if model is not None and is_drawable(model) else None
         labels = [*((0.0, robot, "") for robot in cast), *captions.labels]  # the order of a team gives it its colours
         return FilmedRun(record if record.times else None, labels, events, model, recording.end / SECOND)
 

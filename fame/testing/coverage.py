@@ -285,9 +285,9 @@ table{border-collapse:collapse}td,th{border:1px solid #d0d7de;padding:.2em .6em;
 
 
 def _drawing(definitions: Definitions, processes: Sequence[ProcessCoverage]) -> str:
-    from fame.bpmn.draw.diagram import draw
+    from fame.bpmn.draw.diagram import draw, is_drawable
 
-    if not definitions.shapes:
+    if not is_drawable(definitions):
         return "<p>The file has no diagram.</p>"
     marks: dict[str, dict[Any, int]] = {}
     for process in processes:

@@ -94,7 +94,7 @@ def save_diagrams(mission: MissionUnderTest, folder: Path) -> Iterator[Path]:
 
     tallies = _tallies(mission)
     for definitions in mission.files():
-        if not definitions.shapes or definitions.file not in tallies:
+        if definitions.file not in tallies:
             continue
         path = folder / f"{Path(definitions.file).stem or 'model'}.svg"
         try:

@@ -1,7 +1,7 @@
 """Draws the diagram interchange of a model as SVG, with the path of a run on it if given.
 
 Pools, lanes and open sub-processes come first, then flows, then the shapes that stand on them. All diagrams of a file
-are drawn, one below the other.
+are drawn, one below the other. A file without a diagram is laid out.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ from fame.bpmn.draw.svg import (
 )
 from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, FlowNode, SequenceFlow, Shape, SubProcess
 from fame.dataclasses import dataclass, replace
-from fame.errors import ModelError
+from fame.errors import ModelError, UnavailableError
+from fame.rooms import LAY_OUT, load
 
 Box = tuple[float, float, float, float]
 
@@ -66,9 +67,10 @@ def draw(
 
     `visited` shows a run: ids of elements and flows, once for each completion; id -> number of completions; or id ->
     number of executions with each outcome (`fame.log.reading`). Each outcome is shown by a colour, a symbol and a
-    number. `words` name outcomes in the legend; `notes` are lines of text below it. Raises ModelError if the file has
-    no diagram.
+    number. `words` name outcomes in the legend; `notes` are lines of text below it. Raises ModelError if there is
+    nothing to draw.
     """
+    definitions = with_diagram(definitions)
     picture = _picture(definitions, _tallies(visited))
     parts: list[str] = []
     width, top = 0.0, MARGIN
@@ -112,8 +114,9 @@ class Drawing:
 
 
 def draw_planes(definitions: Definitions) -> list[Drawing]:
-    """Return each diagram of a file as a drawing of its own, without a run. Raises ModelError if
-    the file has no diagram."""
+    """Return each diagram of a file as a drawing of its own, without a run. Raises ModelError if there is nothing to
+    draw."""
+    definitions = with_diagram(definitions)
     picture = _picture(definitions, {})
     found = []
     for shown, shapes, edges in _content(definitions, picture):
@@ -131,10 +134,30 @@ def draw_planes(definitions: Definitions) -> list[Drawing]:
     return found
 
 
+def with_diagram(definitions: Definitions) -> Definitions:
+    """Return a model with its diagram, or laid out if the file has none. Raises ModelError if it cannot be."""
+    if definitions.shapes:
+        return definitions
+    if (found := definitions.made.get(LAY_OUT)) is None:
+        try:
+            found = definitions.made[LAY_OUT] = load(LAY_OUT)(definitions)
+        except UnavailableError as error:
+            text = f"the file has no diagram (BPMNDI): draw it in a modeler; {error}"
+            raise ModelError(text, file=definitions.file) from None
+    laid_out: Definitions = found
+    return laid_out
+
+
+def is_drawable(definitions: Definitions) -> bool:
+    """Return whether a model has a diagram, or can be laid out."""
+    try:
+        return bool(with_diagram(definitions).shapes)
+    except ModelError:
+        return False
+
+
 def _picture(definitions: Definitions, tallies: Mapping[str, Tally]) -> Picture:
-    """The tables of a drawing, without labels. Raises ModelError if the file has no diagram."""
-    if not definitions.shapes:
-        raise ModelError("the file has no diagram (BPMNDI): draw it in a modeler", file=definitions.file)
+    """The tables of a drawing, without labels."""
     elements = {shape.element: placeholder(shape) for shape in definitions.shapes}
     elements.update((one.id, one) for one in _elements(definitions))
     return Picture(elements, tallies)

@@ -216,7 +216,7 @@ class Definitions:
         return f"Definitions({self.file!r}, processes: {processes or 'none'})"
 
     def _repr_svg_(self) -> str | None:
-        """Return the diagram as SVG, for notebooks; None if the file has none."""
-        from fame.bpmn.draw.diagram import draw
+        """Return the diagram as SVG, for notebooks; None if there is nothing to draw."""
+        from fame.bpmn.draw.diagram import draw, is_drawable
 
-        return draw(self) if self.shapes else None
+        return draw(self) if is_drawable(self) else None
