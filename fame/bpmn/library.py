@@ -70,12 +70,12 @@ class Library:
 
     def names(self, caller: Definitions) -> set[str]:
         """Return what a file can call: the ids of processes, and the names of files."""
-        found = {process.id for process in caller.processes}
+        known = {process.id for process in caller.processes}
         for path, ids in (
             each for level in self.levels(caller) for folder in level for each in self._listed(folder).items()
         ):
-            found |= {path.stem, *ids}
-        return found
+            known |= {path.stem, *ids}
+        return known
 
     def read(self, path: Path) -> Definitions:
         """Return the model of a file, which is read once. Raises ModelError.
@@ -113,22 +113,24 @@ class Library:
 
     def _search(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
         for level in self.levels(caller):
-            found = self._named(level, caller, call.called)
-            found += [one for one in self._with_id(level, call.called) if one not in found]
-            best = [one for one in found if Path(one[0].file).stem == call.called] if len(found) > 1 else found
+            candidates = self._named(level, caller, call.called)
+            candidates += [one for one in self._with_id(level, call.called) if one not in candidates]
+            best = candidates
+            if len(candidates) > 1:
+                best = [(home, process) for home, process in candidates if Path(home.file).stem == call.called]
             if len(best) == 1:
-                others = [_short(Path(home.file)) for home, _ in found if home is not best[0][0]]
+                others = [_short(Path(home.file)) for home, _ in candidates if home is not best[0][0]]
                 self._passed_over[caller.file, caller.path, call.called] = sorted(others)
                 return best[0]
-            if found:
-                places = " and ".join(sorted(_short(Path(home.file)) for home, _ in found))
+            if candidates:
+                places = " and ".join(sorted(_short(Path(home.file)) for home, _ in candidates))
                 text = f"called element {call.called!r} is ambiguous: expected one process, found {places}"
                 raise ModelError.at(call, text, file=caller.file)
         raise ModelError.at(call, self._not_found(caller, call.called), file=caller.file)
 
     def _with_id(self, level: Sequence[Path], name: str) -> list[tuple[Definitions, Process]]:
         """The processes with that id. Raises ModelError if the only file that seems to have one cannot be read."""
-        found: list[tuple[Definitions, Process]] = []
+        candidates: list[tuple[Definitions, Process]] = []
         broken: list[ModelError] = []
         for path in self._unique(level, lambda path, ids: name in ids):
             try:
@@ -137,10 +139,10 @@ class Library:
                 broken.append(error)
             else:
                 process = home.process(name)  # what looked like one may stand in a comment
-                found += [(home, process)] if process is not None else []
-        if broken and not found:
+                candidates += [(home, process)] if process is not None else []
+        if broken and not candidates:
             raise broken[0]
-        return found
+        return candidates
 
     def _named(self, level: Sequence[Path], caller: Definitions, name: str) -> list[tuple[Definitions, Process]]:
         """The only process of each file ``<name>.bpmn``; no file means itself. Raises ModelError."""
@@ -175,8 +177,8 @@ class Library:
         """What cannot be read: the folder, or files of it."""
         if folder not in self._unreadable:
             denied = folder.is_dir() and not os.access(folder, os.R_OK | os.X_OK)
-            found = [] if folder in BUILT_IN else [path for path in self._listed(folder) if not _is_readable(path)]
-            self._unreadable[folder] = [folder] if denied else found
+            broken = [] if folder in BUILT_IN else [path for path in self._listed(folder) if not _is_readable(path)]
+            self._unreadable[folder] = [folder] if denied else broken
         return self._unreadable[folder]
 
     def _similar(self, caller: Definitions, called: str) -> str:
@@ -204,14 +206,14 @@ class Library:
 
 def closure(definitions: Definitions, process: Process, find: Find) -> list[tuple[Definitions, Process]]:
     """Return a process and all that it calls and `find` knows, at any depth, each once, breadth first."""
-    found = [(definitions, process)]
+    processes = [(definitions, process)]
     keys = {(identity(definitions), process.id)}
-    for home, item in found:
+    for home, item in processes:
         for called in (find(home, call) for call in calls_of(item)):
             if called is not None and (identity(called[0]), called[1].id) not in keys:
                 keys.add((identity(called[0]), called[1].id))
-                found.append(called)
-    return found
+                processes.append(called)
+    return processes
 
 
 def identity(definitions: Definitions) -> str | bytes:

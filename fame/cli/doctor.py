@@ -110,7 +110,7 @@ def run(arguments: Namespace) -> int:
     return code
 
 
-def fault_report(found: Mapping[str, Any], reports: Mapping[str, Report]) -> Mapping[str, Any]:
+def fault_report(findings: Mapping[str, Any], reports: Mapping[str, Report]) -> Mapping[str, Any]:
     """Return what somebody needs to know who is to find a fault on another machine, as JSON."""
     from fame.deploy.fields import values
 
@@ -122,7 +122,7 @@ def fault_report(found: Mapping[str, Any], reports: Mapping[str, Report]) -> Map
         "python": f"{platform.python_implementation()} {platform.python_version()}, {sys.executable}",
         "environment": dict(sorted(environment.items())),
         "packages": dict(sorted(packages.items(), key=lambda one: str(one[0]).lower())),
-        **found,
+        **findings,
         "robots": {robot: values(report) for robot, report in sorted(reports.items())},
     }
 
@@ -369,15 +369,15 @@ class _Team:
         """The state of a mission; with keys it is fine only of a robot whose name one of them vouches for."""
         from fame.deploy.authentication import proves_name
 
-        found, robot = reported(report), report.robot
+        finding, robot = reported(report), report.robot
         proved = not self._trusted or proves_name(report, robot, self._trusted)
         if not proved:
             text = "signs with a key of its own: neither its name nor which team's key it trusts is proved"
             key = self._arguments.key or Path(self._arguments.trust[0]).with_suffix(".key")
             mend = f"fame keys robot {robot} --key {key}; give its engine --identity {robot}.key"
-            yield Finding(robot, "not known", f"{text} (it says: {found.text})", mend)
-        if proved or found.verdict != "ok":
-            yield found
+            yield Finding(robot, "not known", f"{text} (it says: {finding.text})", mend)
+        if proved or finding.verdict != "ok":
+            yield finding
 
 
 def reported(report: Report) -> Finding:

@@ -77,15 +77,15 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
         data = json.load(stream)
     starts, ends, partly = list[dict[str, Any]](), list[dict[str, Any]](), set[str]()
     recorded = (each for one in data["objects"] if one["type"] == RECORDING for each in one["attributes"])
-    for each in recorded:
-        if each["name"] == PART:
-            raise ConfigError(PART_MESSAGE.format(each["value"]), file=str(path))
-        if each["name"] == ENDED:
-            ends.append(dated(each["time"], "", "", "", ENDED, each["value"]))
+    for entry in recorded:
+        if entry["name"] == PART:
+            raise ConfigError(PART_MESSAGE.format(entry["value"]), file=str(path))
+        if entry["name"] == ENDED:
+            ends.append(dated(entry["time"], "", "", "", ENDED, entry["value"]))
     instances = [each for each in data["objects"] if each["type"] == "instance"]
-    for one in instances:
-        robot, _, number = one["id"].removeprefix("instance:").rpartition("/")
-        said = {each["name"]: each for each in one["attributes"]}
+    for instance in instances:
+        robot, _, number = instance["id"].removeprefix("instance:").rpartition("/")
+        said = {each["name"]: each for each in instance["attributes"]}
         process = said["process"]["value"] if "process" in said else ""
         partly |= set() if process else {robot}
         if process:
@@ -97,8 +97,8 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
     seen = {row["element"] for row in rows}
 
     def lacks(element: str, what: str) -> str:
-        found = info.get(element, UNKNOWN)
-        known = what in ("start", "end") or found.activity or found.name or element in seen
+        named = info.get(element, UNKNOWN)
+        known = what in ("start", "end") or named.activity or named.name or element in seen
         return "" if known else f"what happens at {element}, which has no label"
 
     complete = all(any(each["name"] == "status" for each in one["attributes"]) for one in instances)

@@ -55,15 +55,15 @@ def judge_log(
     """
     if Path(path).suffix.lower() == ".mcap":
         with Recording(path) as recording:
-            found = _replay(recording, properties, model, team)
+            judgements = _replay(recording, properties, model, team)
             for robot in sorted(team.robots) if team is not None and apart else ():
                 others = _replay(recording, properties, model, team, late={robot: apart})
-                found = [_unordered(one, apart) if one.verdict == "violated" != other.verdict else one
-                         for one, other in zip(found, others, strict=True)]  # fmt: skip
+                judgements = [_unordered(one, apart) if one.verdict == "violated" != other.verdict else one
+                         for one, other in zip(judgements, others, strict=True)]  # fmt: skip
             if is_open or not recording.lack:
-                return found
+                return judgements
             lacking = f"the recording is {recording.lack}"
-            return [_not_known(one, lacking) if one.verdict != "violated" else one for one in found]
+            return [_not_known(one, lacking) if one.verdict != "violated" else one for one in judgements]
     if model is None:
         raise ConfigError("has no model: expected one beside the properties, NAME.bpmn of NAME.properties.yaml",
                           file=str(path))  # fmt: skip
@@ -86,19 +86,19 @@ def _judge_events(
     team = team_of({**robots, **log.processes}, files or [model])
     monitors = [compile(each, team) for each in properties]
     missing = team.robots.keys() - log.processes.keys()
-    found = _judged_rows(log, log.rows, monitors, missing)
+    judgements = _judged_rows(log, log.rows, monitors, missing)
     if log.reordered:
         others = _judged_rows(log, log.reordered, monitors, missing)
-        found = [one if one.verdict == other.verdict else _not_known(one, _NO_ORDER)
-                 for one, other in zip(found, others, strict=True)]  # fmt: skip
-    for place, one in enumerate(monitors):
-        named = [row for row in log.rows if _concerns(one, row)]
+        judgements = [one if one.verdict == other.verdict else _not_known(one, _NO_ORDER)
+                 for one, other in zip(judgements, others, strict=True)]  # fmt: skip
+    for place, monitor in enumerate(monitors):
+        named = [row for row in log.rows if _concerns(monitor, row)]
         if not all(log.has_order(list(rows)) for _, rows in groupby(named, itemgetter("time"))):
-            found[place] = _not_known(found[place], _NO_ORDER)
-        lacking = next((text for _, element, what in one.events if (text := log.lacks(element, what))), "")
+            judgements[place] = _not_known(judgements[place], _NO_ORDER)
+        lacking = next((text for _, element, what in monitor.events if (text := log.lacks(element, what))), "")
         if lacking:
-            found[place] = _not_known(found[place], f"such a log does not say {lacking}")
-    return found
+            judgements[place] = _not_known(judgements[place], f"such a log does not say {lacking}")
+    return judgements
 
 
 def _concerns(monitor: Monitor, row: EventRow) -> bool:
@@ -135,7 +135,7 @@ def _is_stop(stopped: dict[Any, bool], robot: str, instance: Any, mark: Mapping[
 
 def _without_stop(messages: Iterable[RecordedMessage]) -> dict[str, deque[dict[str, Any]]]:
     """The events of each robot in the last instant, without those that stopped the run."""
-    found, stopped = defaultdict[str, deque[dict[str, Any]]](deque), dict[Any, bool]()
+    by_robot, stopped = defaultdict[str, deque[dict[str, Any]]](deque), dict[Any, bool]()
     for data in reversed([message.json() for message in messages]):
         robot, groups = str(data["robot"]), deque[dict[str, Any]]()
         for group in reversed(data["events"]):
@@ -145,8 +145,8 @@ def _without_stop(messages: Iterable[RecordedMessage]) -> dict[str, deque[dict[s
                 if not _is_stop(stopped, robot, group["instance"], named):
                     marks.appendleft(mark)
             groups.appendleft({**group, "marks": marks})
-        found[robot].appendleft({**data, "events": groups})
-    return found
+        by_robot[robot].appendleft({**data, "events": groups})
+    return by_robot
 
 
 def _replay(
@@ -182,13 +182,13 @@ def _delayed(recording: Recording, late: Mapping[str, int]) -> Iterable[tuple[in
     """The messages of a recording and when they are taken: those of some robots later (ns)."""
     if not late:
         return ((message.time, message) for message in recording.messages())
-    found = list[tuple[int, RecordedMessage]]()
+    delayed = list[tuple[int, RecordedMessage]]()
     for message in recording.messages():
         robot = message.node.strip("/").rpartition("/")[0]
         if message.topic in (EVENTS, VARIABLES):
             robot = str(message.json()["robot"])
-        found.append((message.time + late.get(robot, 0), message))
-    return sorted(found, key=lambda one: one[0])
+        delayed.append((message.time + late.get(robot, 0), message))
+    return sorted(delayed, key=lambda one: one[0])
 
 
 def team_of_model(model: Definitions | None) -> tuple[dict[str, str], list[Definitions]]:

@@ -167,9 +167,9 @@ class Recording(Closing):
             raise ConfigError("was cut short before anything was recorded", file=self.file)
         topics = {channel.topic for channel in self._channels.values()}
         if not topics & CHANNELS.keys() and "format" not in self.metadata:
-            found = ", ".join(sorted(topics)[:5]) or "no topic"
+            there = ", ".join(sorted(topics)[:5]) or "no topic"
             raise ConfigError(
-                f"expected a recording of FAME, got an MCAP file without {EVENTS}; it has {found}", file=self.file
+                f"expected a recording of FAME, got an MCAP file without {EVENTS}; it has {there}", file=self.file
             )
 
     @contextmanager
@@ -198,8 +198,8 @@ class Recording(Closing):
         with self._as_written("metadata `models`"):
             runs = json.loads(self.metadata.get("models", "{}"))
             return {
-                str(robot): [ModelRun(int(time), str(id), list(map(str, names))) for time, id, names in each]
-                for robot, each in runs.items()
+                str(robot): [ModelRun(int(time), str(id), list(map(str, names))) for time, id, names in saved]
+                for robot, saved in runs.items()
             }
 
     @property
@@ -243,8 +243,8 @@ class Recording(Closing):
         topic = self.topics[message.topic]
         if topic.encoding == "json":
             with self._as_written():
-                found: dict[str, Any] = json.loads(message.data)
-                return found
+                content: dict[str, Any] = json.loads(message.data)
+                return content
         from fame.middleware import codec, messages
 
         self.typestore(topic.type)
@@ -266,9 +266,9 @@ class Recording(Closing):
         """Events in order, from `start` to `end` (ns, both inclusive)."""
         for message in self.messages((EVENTS,), start, end):
             with self._as_written():
-                found = _events(message)
-            if found and (robots is None or found[0].robot in robots):
-                yield from found
+                of_message = _events(message)
+            if of_message and (robots is None or of_message[0].robot in robots):
+                yield from of_message
 
     def state(self, time: int) -> TeamState:
         """Return the state of the team at the end of the instant `time` (ns)."""
@@ -322,22 +322,22 @@ class Recording(Closing):
 
     def channel(self, topic: str, node: str) -> tuple[Channel, Schema]:
         """Return the channel of the messages that a node has published on a topic, and its schema."""
-        found = next(
+        channel_of = next(
             one for one in self._channels.values() if (one.topic, one.metadata.get("node", "")) == (topic, node)
         )
-        return found, self._schemas[found.schema_id]
+        return channel_of, self._schemas[channel_of.schema_id]
 
     def _read_chunk(self, chunk: ChunkPlace) -> list[RecordedMessage]:
         """The messages of a chunk, by time."""
         ends = {number: (one.topic, one.metadata.get("node", "")) for number, one in self._channels.items()}
-        found = []
+        messages = []
         for time, channel, data in chunk_messages(self._stream, chunk.offset, self.file):
             if channel not in ends:
                 raise ConfigError(f"is damaged: a message of the unknown channel {channel}", file=self.file)
             topic, node = ends[channel]
-            found.append(RecordedMessage(time, topic, data, node))
-        found.sort(key=attrgetter("time"))
-        return found
+            messages.append(RecordedMessage(time, topic, data, node))
+        messages.sort(key=attrgetter("time"))
+        return messages
 
     def close(self) -> None:
         self._stream.close()
@@ -345,14 +345,14 @@ class Recording(Closing):
 
 def _events(message: RecordedMessage) -> list[Event]:
     """The events of a message. Raises what data of another form raise."""
-    data, found = message.json(), []
+    data, events = message.json(), []
     for group in data["events"]:
         for element, what, *detail in group["marks"]:
             if not (isinstance(element, str) and isinstance(what, str)):
                 raise TypeError(f"expected an element and what happened, got {element!r}, {what!r}")
             where = message.time, str(data["robot"]), int(group["instance"]), int(group["scope"])
-            found.append(Event(*where, element, what, *detail))
-    return found
+            events.append(Event(*where, element, what, *detail))
+    return events
 
 
 def copy_of(stream: BinaryIO) -> BinaryIO:

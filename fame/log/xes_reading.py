@@ -234,11 +234,11 @@ class _ForeignReader:
             return
         robot, transition = pool.name + said["robot"][len(pool.name) :], said["transition"].lower() or "complete"
         self.robots[robot] = pool.name
-        found, what = self._activities[pool.name].get(activity), WHAT.get(transition)
-        if found is None or len(found) > 1 or not (what or transition in _NO_STEP):
+        elements, what = self._activities[pool.name].get(activity), WHAT.get(transition)
+        if elements is None or len(elements) > 1 or not (what or transition in _NO_STEP):
             self.doubtful.add(pool.name)
-        elif found and what:
-            (element,) = found
+        elif elements and what:
+            (element,) = elements
             if not said["time"]:
                 raise ValueError(f"an event has no {self._named['time']!r} (time); it has {_listed(event)}")
             marks = ["enter", what] if what == "leave" and not under_way[element] else [what]
@@ -271,12 +271,12 @@ class _ForeignReader:
 
 def _activities(model: Definitions, pool: Pool) -> dict[str, set[str]]:
     """Id or label -> the activities of a pool and of what it calls; none for a label of other elements alone."""
-    found: dict[str, set[str]] = {}
+    by_name: dict[str, set[str]] = {}
     for _, process in Library().closure(model, pool.process):
         for node in process.body.walk():
             for name in filter(None, (node.id, _line(node.name))):
-                found.setdefault(name, set()).update({node.id} if isinstance(node, Activity) else ())
-    return found
+                by_name.setdefault(name, set()).update({node.id} if isinstance(node, Activity) else ())
+    return by_name
 
 
 def _line(text: str) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fame.properties.conditions import STALE, RobotPosition, ValueSource, pose_of
 from fame.properties.judgement import ABSENT, SEVERAL, Judgement
 from fame.properties.monitor import Happening, Monitor
-from fame.properties.parts import OPEN, SECOND, UNKNOWN, VIOLATED, Part, PartState, Verdict
+from fame.properties.parts import OPEN, SECOND, UNCERTAIN, UNKNOWN, VIOLATED, Part, PartState, Verdict
 
 if TYPE_CHECKING:
     from fame.engine.state import Trail
@@ -98,8 +98,8 @@ class Judge:
         for robot, element, what in monitor.events:
             words = self._watched.setdefault(robot, {}).setdefault(element, {})
             words.setdefault(what, []).append(number)
-        for part, one in enumerate(monitor.parts):
-            for source in sorted(one.condition.sources) if one.condition else ():
+        for part, machine in enumerate(monitor.parts):
+            for source in sorted(machine.condition.sources) if machine.condition else ():
                 self._readers[source].append((number, part))
 
     def kept(self) -> list[Any]:
@@ -174,12 +174,12 @@ class Judge:
 
     def _react(self, number: int, time: int, happening: Happening, messages: _Thrown) -> None:
         """Step a monitor at an event that threw one of these messages."""
-        found = [list(self.monitors[number].roles(happening, message)) for message in messages]
-        if any(one != found[0] for one in found):
-            for part in sorted({part for one in found for part, _, _ in one}):
+        roles_of = [list(self.monitors[number].roles(happening, message)) for message in messages]
+        if any(one != roles_of[0] for one in roles_of):
+            for part in sorted({part for one in roles_of for part, _, _ in one}):
                 self._lose(number, part, "not all messages of an instant were thrown by events: which, is not known")
             return
-        for part, roles, key in found[0]:
+        for part, roles, key in roles_of[0]:
             if roles:
                 self._step((number, part), time, roles, key, happening[0], happening[1])
             else:
@@ -193,11 +193,11 @@ class Judge:
         source = ValueSource("topic", topic)
         if source in self._readers:
             self.sample(time, source, message)
-        for one in self._poses:
-            if one.name == topic:
-                self.sample(time, one, pose_of(message))
-                self._measured.pop(one, None)
-                self._measured[one] = time
+        for pose in self._poses:
+            if pose.name == topic:
+                self.sample(time, pose, pose_of(message))
+                self._measured.pop(pose, None)
+                self._measured[pose] = time
 
     def sample(self, time: int, source: ValueSource, value: Any) -> None:
         """Take the value of a source; None if it is lost."""
@@ -240,27 +240,27 @@ class Judge:
 
     def _doubt(self, place: _Place) -> tuple[int, int]:
         """The doubt (ns) between two events of a part, and between one of them and the clock of this judge."""
-        found = self._clocks.get(place)
-        if found is None:
+        doubts = self._clocks.get(place)
+        if doubts is None:
             events = self.monitors[place[0]].events.items()
             robots = {key[0] for key, reactions in events if any(each.part == place[1] for each in reactions)}
             known = (self._doubts.get(robot, 0) for robot in robots)
             first, second = (*sorted((_FOREVER if each is None else each for each in known), reverse=True), 0, 0)[:2]
-            found = self._clocks[place] = (first + second if len(robots) > 1 else 0, first + second)
-        return found
+            doubts = self._clocks[place] = (first + second if len(robots) > 1 else 0, first + second)
+        return doubts
 
     # ---- time --------------------------------------------------------------------------------------------------------
 
     @property
     def due(self) -> int | None:
         """The next time (ns) after which `advance` has to be called even if nothing happens; None: never."""
-        found = (
+        times = (
             state[1] + part.bound + (self._doubt((number, place))[1] if self._doubts else 0)
             for number, monitor in enumerate(self.monitors)
             for place, (part, state) in enumerate(zip(monitor.parts, self._states[number], strict=True))
             if part.bound is not None and state[0] == OPEN
         )
-        return min(found, default=None)
+        return min(times, default=None)
 
     def advance(self, time: int) -> None:
         """All instants before `time` (ns) are over."""
@@ -283,12 +283,13 @@ class Judge:
     def _read(self) -> None:
         dirty, self._dirty = self._dirty, {}
         for number, part in dirty:
-            one, state = self.monitors[number].parts[part], self._states[number][part]
-            if state[0] == OPEN and one.condition is not None:
-                reading = one.condition.read(self.values, self.now)
-                if (reading is None or reading[0] is None) and (names := one.condition.unknown(self.values, self.now)):
+            machine, state = self.monitors[number].parts[part], self._states[number][part]
+            if state[0] == OPEN and machine.condition is not None:
+                reading = machine.condition.read(self.values, self.now)
+                unread = reading is None or reading[0] is None
+                if unread and (names := machine.condition.unknown(self.values, self.now)):
                     self._reasons.setdefault(number, f"{names[0]} is not known at {self.now / SECOND:g} s")
-                self._put((number, part), one.sample(state, self.now, reading), self.now, "", "")
+                self._put((number, part), machine.sample(state, self.now, reading), self.now, "", "")
                 if self.watch is not None and reading is not None and reading[1] is not None:
                     self._draw((number, part), reading[1])
 
@@ -303,28 +304,29 @@ class Judge:
     def _expire(self, time: int) -> None:
         """Tell monitors with a bound that `time` is over."""
         for number, monitor in enumerate(self.monitors):
-            for part, one in enumerate(monitor.parts) if monitor.timed else ():
+            for part, machine in enumerate(monitor.parts) if monitor.timed else ():
                 state = self._states[number][part]
                 doubt = self._doubt((number, part))[1] if self._doubts else 0
-                new = one.expire(state, time, doubt)
+                new = machine.expire(state, time, doubt)
                 if new is not state:
                     self._put((number, part), new, (new[2] or 0) + doubt, "", "")
         self._due = self.due
 
     def _step(self, place: _Place, time: int, roles: int, key: Any, robot: str, element: str) -> None:
         number, part = place
-        one, state = self.monitors[number].parts[part], self._states[number][part]
-        doubt = self._doubt(place)[0] if self._doubts and one.bound is not None else 0
-        new = one.step(state, time, roles, key, doubt)
-        if one.condition is not None:
+        machine, state = self.monitors[number].parts[part], self._states[number][part]
+        doubt = self._doubt(place)[0] if self._doubts and machine.bound is not None else 0
+        new = machine.step(state, time, roles, key, doubt)
+        if machine.condition is not None:
             self._dirty[place] = None
         if new is not state:
-            if new[4] == 2 > state[4]:
+            if new[4] == UNCERTAIN > state[4]:
                 apart = f"a bound is within the doubt of the clocks{_seconds(doubt)}"
-                self._reasons.setdefault(number, SEVERAL if one.each else apart)
+                self._reasons.setdefault(number, SEVERAL if machine.each else apart)
             self._put(place, new, time, robot, element)
-            if one.bound is not None and new[0] == OPEN and (self._due is None or new[1] + one.bound < self._due):
-                self._due = new[1] + one.bound
+            due = machine.deadline(new)
+            if due is not None and (self._due is None or due < self._due):
+                self._due = due
 
     def _put(self, place: _Place, new: PartState, time: int, robot: str, element: str) -> None:
         """Keep a new state, and the event that led to it; `time` (ns) is when that is noticed."""
@@ -340,16 +342,16 @@ class Judge:
         elif new[0] == OPEN and (old[0] != OPEN or old[1] != new[1]):
             self._began[place] = new[1], robot, element
         if self.watch is not None and (new[0], new[1]) != (old[0], old[1]):
-            one = self._part_judgement(place)
+            judgement = self._part_judgement(place)
             left = old[1] + (self.monitors[number].parts[part].bound or 0) - time
-            answered = one.verdict != "violated" and old[0] == OPEN and self.monitors[number].timed
-            self.watch(time, replace(one, slack=left / SECOND) if answered and left >= 0 else one)
+            answered = judgement.verdict != "violated" and old[0] == OPEN and self.monitors[number].timed
+            self.watch(time, replace(judgement, slack=left / SECOND) if answered and left >= 0 else judgement)
 
     def _part_judgement(self, place: _Place) -> Judgement:
         number, part = place
-        one = self.monitors[number].parts[part]
-        found = self._judgement(number, one.verdict(self._states[number][part], part))
-        return replace(found, robots=tuple(one.binding.values()))
+        machine = self.monitors[number].parts[part]
+        judgement = self._judgement(number, machine.verdict(self._states[number][part], part))
+        return replace(judgement, robots=tuple(machine.binding.values()))
 
     # ---- judgements --------------------------------------------------------------------------------------------------
 
@@ -361,9 +363,9 @@ class Judge:
         self.advance(time)
         self.advance(self.now + 1)
         for number, monitor in enumerate(self.monitors):
-            for part, one in enumerate(monitor.parts) if complete else ():
+            for part, machine in enumerate(monitor.parts) if complete else ():
                 state = self._states[number][part]
-                new = one.finish(state, time)
+                new = machine.finish(state, time)
                 if new is not state:
                     self._put((number, part), new, time, "", "")
         self._watched, self._readers, self._due = {}, {}, None

@@ -93,8 +93,8 @@ class PublisherGaps:
 
     def since(self, time: int, topics: Iterable[str]) -> PublisherGap | None:
         """Return the last gap on one of these topics that ended after a time (ns)."""
-        found = [gap for topic in topics if (gap := self._last.get(topic)) is not None and gap.back > time]
-        return max(found, key=lambda gap: gap.back, default=None)
+        gaps = [gap for topic in topics if (gap := self._last.get(topic)) is not None and gap.back > time]
+        return max(gaps, key=lambda gap: gap.back, default=None)
 
 
 class WaitingTokens:
@@ -176,7 +176,7 @@ class WaitingTokens:
         awaited = [self._awaited(wait) for wait in waits]
         self._gaps.update(now, {topic: publishers.get(topic, ()) for topics in awaited for topic in topics})
         describe = _Describer(self._node.namespace, self._runner, self._conditions, self._missed_hint, publishers)
-        found = []
+        waiting_tokens = []
         for wait, topics in zip(waits, awaited, strict=True):
             since = self._seen[wait.key]
             gap = self._gaps.since(since, topics)
@@ -184,12 +184,12 @@ class WaitingTokens:
             text = describe.wait(wait)[1] + (f" ({hint})" if hint else "")
             counts = {topic: len(publishers.get(topic, ())) for topic in topics}
             by = self._suspender(wait, now)
-            found.append(WaitingToken(self._robot, wait.node.id, text, since, counts, self._place(wait), by))
+            waiting_tokens.append(WaitingToken(self._robot, wait.node.id, text, since, counts, self._place(wait), by))
         for scope, join, held in joins:
             text = sentence("flows", open=held.count(0) or "more", all=join.spec.need)
             place = self._shown(join)
-            found.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id], place=place))
-        return found
+            waiting_tokens.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id], place=place))
+        return waiting_tokens
 
     def count(self, engine: Engine) -> int:
         """Return the number of tokens that wait."""
@@ -269,29 +269,29 @@ class WaitingTokens:
         catch = wait.catch
         describe = _Describer(self._node.namespace, self._runner, self._conditions, lambda topic: "", None)
         kind, text = describe.wait(wait)
-        found: dict[str, Any] = {"kind": kind, "text": text}
+        reasons: dict[str, Any] = {"kind": kind, "text": text}
         topics = self._awaited(wait)
         if topics:
-            found["topics"] = list(topics)
-            found["publishers"] = {topic: list(self._graph.get(topic, ())) for topic in topics}
+            reasons["topics"] = list(topics)
+            reasons["publishers"] = {topic: list(self._graph.get(topic, ())) for topic in topics}
             if apart := self._apart(topics):
-                found["mismatches"] = apart
+                reasons["mismatches"] = apart
         if wait.paused:
-            found["suspended"], found["by"] = True, self._label(suspender(wait))
+            reasons["suspended"], reasons["by"] = True, self._label(suspender(wait))
         request = self._runner.request(wait.key)
         if isinstance(request, Act):
-            found["action"] = resolve(request.action, self._node.namespace)
+            reasons["action"] = resolve(request.action, self._node.namespace)
         elif isinstance(request, Call):
-            found["service"] = resolve(request.service, self._node.namespace)
+            reasons["service"] = resolve(request.service, self._node.namespace)
         if (silence := self._runner.server_silence(wait.key)) is not None:
-            found |= {silence[0]: silence[1], "mismatches": self._mismatches(wait)}
+            reasons |= {silence[0]: silence[1], "mismatches": self._mismatches(wait)}
         parts = [(node.file, node.id) for node in (wait.node, *catch.parts)]
         conditions = [condition for part in parts if (condition := self._conditions.get(part)) is not None]
         if conditions:
-            found["conditions"] = [
+            reasons["conditions"] = [
                 {"text": condition.text, "reads": sorted(effects_of(condition).reads)} for condition in conditions
             ]
-        return found
+        return reasons
 
     def _server(self, wait: Wait) -> str:
         """What is to be known of the server that a token waits for, in words; empty if it is at work."""

@@ -125,12 +125,12 @@ def deploy_previous(
     """
     previous: dict[str, Mapping[str, Any]] = {}
     for robot, report in sorted(reports.items()):
-        found = report.said.get("previous")
-        if not isinstance(found, dict):
+        said = report.said.get("previous")
+        if not isinstance(said, dict):
             raise DeploymentError(report.differs or f"{robot} does not say what it ran before")
-        if not found.keys() >= {"deployment", "hash", "recalls"}:
+        if not said.keys() >= {"deployment", "hash", "recalls"}:
             raise DeploymentError(f"{robot} ran nothing before, or does not keep it any more")
-        previous[robot] = found
+        previous[robot] = said
     ran = {robot: str(found["deployment"]) for robot, found in previous.items()}
     if len(set(ran.values())) > 1 and not any_of:
         text = ", ".join(f"{robot} {deployment}" for robot, deployment in ran.items())
@@ -189,10 +189,10 @@ class Sending:
         until = self.scheduler.now + round(patience * SECOND)
         examined: Set[str] = frozenset()
         while True:
-            found = self._find(only, patience, log)
-            if found.keys() != examined:
-                examine(found)
-                examined = found.keys()
+            assigned = self._find(only, patience, log)
+            if assigned.keys() != examined:
+                examine(assigned)
+                examined = assigned.keys()
             try:
                 deployment = self._sender.send(self.definitions, lambda _: self.scheduler.stop(), only=only)
                 break
@@ -237,7 +237,7 @@ class Sending:
             if there != before:  # to assign a hundred robots takes longer than to look who is there
                 before = there
                 try:
-                    found = assign_robots(self.definitions, there, found=True, only=only)
+                    assigned = assign_robots(self.definitions, there, found=True, only=only)
                     break
                 except (ConfigError, DeploymentError) as error:
                     problem = str(error)
@@ -249,5 +249,5 @@ class Sending:
                 log(f"waiting up to {patience:g} s: {problem}")
         self.scheduler.run(self.scheduler.now + _FINDING)  # for others of a multi-instance pool
         with suppress(ConfigError, DeploymentError):  # an engine has left in the meantime: `send` says so
-            found = assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
-        return found
+            assigned = assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
+        return assigned

@@ -74,17 +74,17 @@ class TopicSource:
 def read_definitions(node: NodeReader, place: EventPosition) -> tuple[EventDefinition, ...]:
     """Return the event definitions of an event, in document order. Faults are definitions that are
     not allowed or invalid."""
-    found: list[tuple[Node, str]] = []
+    definitions: list[tuple[Node, str]] = []
     for tag, elements in node.parts.items():
         if tag.endswith(_SUFFIX):
-            found += [(element, tag.removesuffix(_SUFFIX)) for element in elements]
+            definitions += [(element, tag.removesuffix(_SUFFIX)) for element in elements]
         elif tag == "eventDefinitionRef":
-            found += [pair for element in elements if (pair := _referred(node.context, element)) is not None]
-    found = [pair for pair in found if _is_known(node, pair[1], place)]
-    order = {element: number for number, element in enumerate(node.element)} if len(found) > 1 else {}
-    found.sort(key=lambda pair: order.get(pair[0], 0))
+            definitions += [pair for element in elements if (pair := _referred(node.context, element)) is not None]
+    definitions = [pair for pair in definitions if _is_known(node, pair[1], place)]
+    order = {element: number for number, element in enumerate(node.element)} if len(definitions) > 1 else {}
+    definitions.sort(key=lambda pair: order.get(pair[0], 0))
     source = TopicSource(node, place, node.associations.assigned_out)
-    return tuple(_READERS[kind](source, element) for element, kind in found)
+    return tuple(_READERS[kind](source, element) for element, kind in definitions)
 
 
 def _is_known(node: NodeReader, kind: str, place: EventPosition) -> bool:
@@ -99,10 +99,10 @@ def _is_known(node: NodeReader, kind: str, place: EventPosition) -> bool:
 
 def read_mapping(node: NodeReader, place: EventPosition, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
     """Return the mapping of an event, without that of a caught message."""
-    found, moves = node.extensions, node.associations
+    extensions, moves = node.extensions, node.associations
     catches = place not in THROWS and any(isinstance(one, SignalDefinition | MessageDefinition) for one in definitions)
-    inputs = (*found.inputs, *moves.assigned_in) if place in THROWS else ()
-    outputs = () if catches else (*found.outputs, *moves.assigned_out)
+    inputs = (*extensions.inputs, *moves.assigned_in) if place in THROWS else ()
+    outputs = () if catches else (*extensions.outputs, *moves.assigned_out)
     return IoMapping(inputs, outputs) if inputs or outputs else None
 
 
@@ -243,9 +243,9 @@ def _definition_properties(node: NodeReader, element: Node, common: TopicPropert
         node.context.note(element, text, "warning")
     own = take_topic_properties(node.context, element, extensions)
     given = {one.name: value for one in fields(own) if (value := getattr(own, one.name))}
-    found = replace(common, **given)
-    found.payload = found.payload or _copied_payload(extensions)
-    return found
+    properties = replace(common, **given)
+    properties.payload = properties.payload or _copied_payload(extensions)
+    return properties
 
 
 def _copied_payload(extensions: Extensions) -> Expression | None:
@@ -278,15 +278,15 @@ def message_keys(node: NodeReader, reference: str | None) -> tuple[tuple[str, Ex
     message = context.root(reference)
     if message is None:
         return ()
-    found: list[tuple[str, Expression]] = []
+    keys: list[tuple[str, Expression]] = []
     extensions = read_extensions(context, message)
     if extensions.refused:
         context.fault(node.element, extensions.refused)
     if (key := extensions.key) is not None:
-        found.append((key.text, Expression(f"${{msg.{key.text.rpartition('.')[2]}}}", "juel", key.line)))
-    for one in context.roots.values():
-        if local_name(one) == "correlationProperty":
-            for retrieval in children(one, "correlationPropertyRetrievalExpression"):
+        keys.append((key.text, Expression(f"${{msg.{key.text.rpartition('.')[2]}}}", "juel", key.line)))
+    for root in context.roots.values():
+        if local_name(root) == "correlationProperty":
+            for retrieval in children(root, "correlationPropertyRetrievalExpression"):
                 path = child(retrieval, "messagePath")
                 if (
                     resolve({message.get("id", ""): message}, retrieval.get("messageRef")) is not None
@@ -294,8 +294,8 @@ def message_keys(node: NodeReader, reference: str | None) -> tuple[tuple[str, Ex
                 ):
                     expression = code_of(context, path)
                     if expression is not None:
-                        found.append((one.get("name", "") or one.get("id", ""), expression))
-    return tuple(found)
+                        keys.append((root.get("name", "") or root.get("id", ""), expression))
+    return tuple(keys)
 
 
 def _timer(source: TopicSource, element: Node) -> TimerDefinition:

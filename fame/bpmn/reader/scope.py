@@ -57,12 +57,12 @@ def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
     context = process.context
     wiring, flows = _wiring(context, element, parts)
     nodes: dict[str, FlowNode] = {}
-    for one in element:
-        read = _READERS.get(one.tag)
+    for inner in element:
+        read = _READERS.get(inner.tag)
         if read is None:
-            _check_other(context, one)
+            _check_other(context, inner)
         else:
-            node = read(process, one, wiring)
+            node = read(process, inner, wiring)
             nodes[node.id] = node
     body = Body(
         nodes=tuple(_checked(context, node, nodes) for node in nodes.values()),
@@ -112,12 +112,12 @@ def _has_both_ends(context: Context, flow: Node, nodes: set[str]) -> bool:
 
 def _why_not(context: Context, flow: Node, reference: str) -> str:
     """Why a reference does not name a flow node of the same scope."""
-    found = context.find_in_file(flow, reference)
-    if found is None:
+    element = context.find_in_file(flow, reference)
+    if element is None:
         return "there is no such flow node"
-    if found.tag in _READERS:
+    if element.tag in _READERS:
         return "it crosses the boundary of its scope"
-    namespace, _, name = found.tag.rpartition("}")
+    namespace, _, name = element.tag.rpartition("}")
     if f"{namespace}}}" == _B:
         return f"that is a <{name}>, not a flow node"
     where = f"of namespace {namespace[1:]}" if namespace else "without a namespace"
@@ -180,8 +180,8 @@ def _condition(context: Context, flow: Node) -> Expression | None:
 
 def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
     """(source, target) of the associations between flow nodes of a scope, from compensation event to handler."""
-    for one in dict.fromkeys(one for id in nodes for one in context.associations.get(id, ())):
-        source, target = resolve(nodes, one.get("sourceRef")), resolve(nodes, one.get("targetRef"))
+    for association in dict.fromkeys(one for id in nodes for one in context.associations.get(id, ())):
+        source, target = resolve(nodes, association.get("sourceRef")), resolve(nodes, association.get("targetRef"))
         if source is None or target is None:
             continue
         if target.catches_compensation and not source.catches_compensation:

@@ -41,38 +41,38 @@ class CoverageReport:
 def read_coverage(path: Path) -> CoverageReport:
     """Read a file. Raises ConfigError."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if "processes" in found and "not_passed" not in found:
+        report = json.loads(path.read_text(encoding="utf-8"))
+        if "processes" in report and "not_passed" not in report:
             text = "does not say which tests passed: write it again with fame test --cov-json FILE"
             raise ConfigError(text, file=str(path))
-        outcomes = {_text(test): _text(outcome) for test, outcome in found["not_passed"].items()}
-        processes = [_process(one) for one in found["processes"]]
-        return CoverageReport(_tests(found["requirements"]), outcomes, processes)
+        outcomes = {_text(test): _text(outcome) for test, outcome in report["not_passed"].items()}
+        processes = [_process(one) for one in report["processes"]]
+        return CoverageReport(_tests(report["requirements"]), outcomes, processes)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         raise ConfigError("expected the coverage that fame test --cov-json FILE writes", file=str(path)) from None
 
 
-def _process(found: Mapping[str, Any]) -> CoveredProcess:
+def _process(process: Mapping[str, Any]) -> CoveredProcess:
     return CoveredProcess(
-        Path(_text(found["file"])).resolve(),
-        _text(found["sha256"]),
-        _text(found["name"]),
-        _count(found["elements"]),
-        _count(found["flows"]),
-        _tests(found["tests"]),
-        [display_name(_text(one["id"]), _text(one["name"])) for one in found["missing"]],
-        {id: _text(reason) for id, reason in found["excused"].items()},
+        Path(_text(process["file"])).resolve(),
+        _text(process["sha256"]),
+        _text(process["name"]),
+        _count(process["elements"]),
+        _count(process["flows"]),
+        _tests(process["tests"]),
+        [display_name(_text(one["id"]), _text(one["name"])) for one in process["missing"]],
+        {id: _text(reason) for id, reason in process["excused"].items()},
     )
 
 
-def _count(found: Mapping[str, Any]) -> str:
-    return f"{int(found['covered'])} of {int(found['total'])}"
+def _count(counts: Mapping[str, Any]) -> str:
+    return f"{int(counts['covered'])} of {int(counts['total'])}"
 
 
-def _tests(found: Mapping[str, Any]) -> Mapping[str, Sequence[str]]:
-    return {id: [_text(test) for test in tests] for id, tests in found.items()}
+def _tests(by_id: Mapping[str, Any]) -> Mapping[str, Sequence[str]]:
+    return {id: [_text(test) for test in tests] for id, tests in by_id.items()}
 
 
 def _text(value: object) -> str:

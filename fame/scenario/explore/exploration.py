@@ -84,14 +84,14 @@ def explore(
         first=first,
         progress=progress,
     )
-    definitions, found, cast = cast_of(model, robots, library)
+    definitions, folders, cast = cast_of(model, robots, library)
     scenario = Scenario.load(model, robots=robots, library=library) if _is_scenario(model) else None
     if scenario is not None:
         request = replace(request, sources=_sources(scenario), variables=scenario.variables)
-    said = scenario.properties if scenario is not None else _said(definitions, found, cast)
+    said = scenario.properties if scenario is not None else _said(definitions, folders, cast)
     request = replace(request, properties=tuple(said if properties is None else properties))
     begun = time.monotonic()
-    result = explore_team(definitions, found, cast, request)
+    result = explore_team(definitions, folders, cast, request)
     if scenario is None or result.exhaustive or result.failed or not samples:
         return result
     return with_run(result, scenario, None if seconds is None else max(seconds - (time.monotonic() - begun), LEAST))
@@ -123,16 +123,16 @@ def _is_scenario(model: str | Path | Definitions) -> TypeGuard[str | Path]:
     return not isinstance(model, Definitions) and Path(model).suffix.lower() in (".yaml", ".yml")
 
 
-def explore_found(definitions: Definitions, library: Library, found: Mapping[str, Pool]) -> Exploration:
+def explore_found(definitions: Definitions, library: Library, robots: Mapping[str, Pool]) -> Exploration:
     """Explore a collaboration with the robots that were found for it (robot -> pool).
 
     A pool without a robot has as many as `explore` takes; properties are those that `explore` takes for a model.
     Raises ModelError and ConfigError.
     """
-    there = {pool.name for pool in found.values()}
+    there = {pool.name for pool in robots.values()}
     missing = [pool for pool in pools_of(definitions) if pool.name not in there]
     others = assign_pools(missing, robot_names(missing, {}, FEWEST), file=definitions.file)
-    cast = {**found, **others}
+    cast = {**robots, **others}
     return explore_team(definitions, library, cast, Request(properties=_said(definitions, library, cast)))
 
 
@@ -193,7 +193,7 @@ def cast_of(
             known = ", ".join(multiple.values()) or "none"
             raise ConfigError(f"unknown multi-instance pool {name!r}; there are: {known}", file=definitions.file)
     counts = {multiple[name.casefold()]: count for name, count in robots.items()}
-    found = Library(library)
+    folders = Library(library)
     for pool in pools:
-        found.closure(definitions, pool.process)
-    return definitions, found, assign_pools(pools, robot_names(pools, counts, FEWEST), file=definitions.file)
+        folders.closure(definitions, pool.process)
+    return definitions, folders, assign_pools(pools, robot_names(pools, counts, FEWEST), file=definitions.file)

@@ -23,60 +23,62 @@ _LAYOUT = {"spacer", "separator", "button", "image"}
 
 def form_data(node: Node) -> Iterator[FormField]:
     """Yield the fields of a ``camunda:formData``."""
-    for one in node:
-        if local_name(one) != "formField" or not one.get("id"):
+    for element in node:
+        if local_name(element) != "formField" or not element.get("id"):
             continue
         limits = {
-            each.get("name", ""): each.get("config", "") for each in one.iter() if local_name(each) == "constraint"
+            each.get("name", ""): each.get("config", "") for each in element.iter() if local_name(each) == "constraint"
         }
-        values = [each for each in one if local_name(each) == "value"]
-        kind = _FORM_DATA.get(one.get("type", ""), "value")
+        values = [each for each in element if local_name(each) == "value"]
+        kind = _FORM_DATA.get(element.get("type", ""), "value")
         low, high = ("minlength", "maxlength") if kind == "text" else ("min", "max")
         yield FormField(
-            key=one.get("id", ""),
-            label=one.get("label", "") or one.get("id", ""),
+            key=element.get("id", ""),
+            label=element.get("label", "") or element.get("id", ""),
             kind=kind,
             required="required" in limits,
             least=_number(limits.get(low)),
             most=_number(limits.get(high)),
             options=tuple((each.get("id", ""), each.get("name", "") or each.get("id", "")) for each in values),
-            default=_default(kind, one.get("defaultValue")),
+            default=_default(kind, element.get("defaultValue")),
         )
 
 
 def form_js(text: str) -> tuple[FormField, ...]:
     """Return the fields of a form of form-js. Raises ValueError for what is no such form."""
-    found = json.loads(text)
-    if not isinstance(found, dict) or not isinstance(found.get("components"), list):
+    form = json.loads(text)
+    if not isinstance(form, dict) or not isinstance(form.get("components"), list):
         raise ValueError('expected {"components": [...]}')
-    return tuple(_components(found["components"], ""))
+    return tuple(_components(form["components"], ""))
 
 
 def _components(components: list[Any], path: str) -> Iterator[FormField]:
-    for one in components:
-        if not isinstance(one, dict) or one.get("type") in _LAYOUT:
+    for component in components:
+        if not isinstance(component, dict) or component.get("type") in _LAYOUT:
             continue
-        if one.get("type") == "group" and isinstance(one.get("components"), list):
-            yield from _components(one["components"], f"{path}{one['path']}." if one.get("path") else path)
+        if component.get("type") == "group" and isinstance(component.get("components"), list):
+            inner = f"{path}{component['path']}." if component.get("path") else path
+            yield from _components(component["components"], inner)
         else:
-            yield _component(one, path)
+            yield _component(component, path)
 
 
-def _component(one: Mapping[str, Any], path: str) -> FormField:
-    type, limits = str(one.get("type", "")), one.get("validate")
+def _component(component: Mapping[str, Any], path: str) -> FormField:
+    type, limits = str(component.get("type", "")), component.get("validate")
     limits = limits if isinstance(limits, dict) else {}
-    label = str(one.get("label") or one.get("dateLabel") or one.get("timeLabel") or one.get("key") or "")
-    kind = _DATES.get(str(one.get("subtype", ""))) if type == "datetime" else _FORM_JS.get(type)
-    options = tuple(_options(one.get("values")))
+    labels = map(component.get, ("label", "dateLabel", "timeLabel", "key"))
+    label = str(next(filter(None, labels), ""))
+    kind = _DATES.get(str(component.get("subtype", ""))) if type == "datetime" else _FORM_JS.get(type)
+    options = tuple(_options(component.get("values")))
     if kind == "note":
-        return FormField(kind="note", label=str(one.get("text", "")).strip("#* \n"))
+        return FormField(kind="note", label=str(component.get("text", "")).strip("#* \n"))
     if kind is None or (kind in ("select", "radio") and not options):
         return FormField(kind="other", label=f"{label or type}: FAME does not draw fields of type {type}")
-    if kind == "number" and one.get("decimalDigits") == 0:
+    if kind == "number" and component.get("decimalDigits") == 0:
         kind = "integer"
     low, high = ("minLength", "maxLength") if kind in ("text", "textarea") else ("min", "max")
     return FormField(
-        key=f"{path}{one.get('key', '')}",
+        key=f"{path}{component.get('key', '')}",
         label=label,
         kind=kind,
         required=limits.get("required") is True,
@@ -84,14 +86,14 @@ def _component(one: Mapping[str, Any], path: str) -> FormField:
         most=_number(limits.get(high)),
         pattern=str(limits.get("pattern", "")),
         options=options,
-        default=one.get("defaultValue"),
+        default=component.get("defaultValue"),
     )
 
 
 def _options(values: Any) -> Iterator[tuple[Any, str]]:
-    for one in values if isinstance(values, list) else ():
-        if isinstance(one, dict) and "value" in one:
-            yield one["value"], str(one.get("label", one["value"]))
+    for option in values if isinstance(values, list) else ():
+        if isinstance(option, dict) and "value" in option:
+            yield option["value"], str(option.get("label", option["value"]))
 
 
 def _default(kind: FieldKind, text: str | None) -> Any:
