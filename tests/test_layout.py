@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import runpy
 import subprocess
 from collections.abc import Iterator
 from itertools import combinations, pairwise
@@ -24,9 +25,12 @@ from fame.bpmn.reader.document import read_tree
 from fame.bpmn.reader.xml import BPMN, BPMNDI, parse
 from fame.cli import main
 from fame.dataclasses import replace
+from fame.errors import ModelError
 from fame.layout import add_diagram, lay_out
 
 ROOT = Path(__file__).parent.parent
+LAYOUTS = runpy.run_path(str(ROOT / "docs" / "layouts.py"))
+PICTURES, picture = LAYOUTS["PICTURES"], LAYOUTS["picture"]
 SHIPPED = sorted({*ROOT.glob("models/**/*.bpmn"), *ROOT.glob("examples/**/*.bpmn")})
 OTHERS = sorted(path for path in (ROOT / "tests" / "other_tools").iterdir() if path.suffix in (".bpmn", ".xml"))
 READABLE = [path for path in OTHERS if path.stem not in ("beta", "xpdl", "choreography")]
@@ -284,6 +288,13 @@ def test_nodes_are_in_their_lanes_at_any_depth() -> None:
     assert boxes["l1"].x == boxes["l2"].x == boxes["p"].x + 30 == boxes["l3"].x - 30
 
 
+@pytest.mark.long_but("compensation")
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_of_the_documentation_is_that_of_the_layout(name: str) -> None:
+    kept = ROOT / "docs" / "images" / f"layout_{name}.svg"
+    assert kept.read_text(encoding="utf-8") == picture(name), "python docs/layouts.py draws it"
+
+
 # ---- diagrams that lack something ------------------------------------------------------------------------------------
 
 
@@ -392,7 +403,7 @@ Promise.all(process.argv.slice(1).map(async (file) => {
 
 
 def test_bpmn_moddle_opens_a_laid_out_file_without_warnings(node_modules: Path, tmp_path: Path) -> None:
-    """None more than of the file before."""
+    """None more than of the file before, unless it has ids that bpmn-moddle refuses."""
     sources = [fame.read(path).source for path in [*SHIPPED, *READABLE]]
     sources += [text_of(robots, **options).encode() for robots, options in map(varied, range(GENERATED))]
     names = []
@@ -406,7 +417,9 @@ def test_bpmn_moddle_opens_a_laid_out_file_without_warnings(node_modules: Path, 
         ["node", "-e", READ, *names], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     )
     said = json.loads(done.stdout)
-    numbers = range(len(sources))
+    refused = [number for number in range(len(sources)) if "illegal ID" in str(said[f"{number}_old.bpmn"])]
+    assert len(refused) == 6
+    numbers = [number for number in range(len(sources)) if number not in refused]
     assert [number for number in numbers if said[f"{number}_new.bpmn"] != said[f"{number}_old.bpmn"]] == []
     assert sum(not said[f"{number}_new.bpmn"] for number in numbers) > 100
 
@@ -428,6 +441,12 @@ def test_the_command_adds_a_diagram(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["layout", str(old), "-o", str(new)]) == 2
     error = f"fame: error: {old}: expected a pool, or a process with a flow node to draw\n"
     assert capsys.readouterr().err == error
+
+
+def test_more_elements_than_anybody_reads_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.layout._MOST", 2)
+    with pytest.raises(ModelError, match="expected at most 2 elements to lay out, got 3"):
+        lay_out(read_text(process('<startEvent id="s"/><task id="t"/>')))
 
 
 def test_parts_of_a_split_file_get_a_diagram(tmp_path: Path) -> None:

@@ -31,6 +31,9 @@ from fame.layout.content import (
 )
 from fame.layout.writing import put_into_file
 
+_MOST = 2_000
+"""Elements: more would take minutes, and nobody reads the picture."""
+
 
 def lay_out(definitions: Definitions, *, again: bool = False) -> Definitions:
     """Return a model with a diagram of everything: what has a place keeps it, unless it is to be laid out `again`.
@@ -57,6 +60,9 @@ def _laid_out(definitions: Definitions, again: bool) -> tuple[Definitions, list[
     content = read_content(root)
     if not any(frame.kind == "participant" or frame.children for plane in content.planes for frame in plane.frames):
         raise ModelError("expected a pool, or a process with a flow node to draw", file=definitions.file)
+    if len(content.boxes) > _MOST:
+        text = f"expected at most {_MOST:,} elements to lay out, got {len(content.boxes):,}: draw it in a modeler"
+        raise ModelError(text, file=definitions.file)
     if definitions.shapes and not again:
         complete(content, definitions)
     else:

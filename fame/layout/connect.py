@@ -210,7 +210,7 @@ def _place_labels(links: Sequence[LayoutLink], boxes: Sequence[LayoutBox]) -> No
             continue
         beside = _beside(link.waypoints, [one for one in siblings[link.source] if one is not link], width, height)
         spots = [Bounds(x, y, width, height) for x, y in beside]
-        link.label = min(spots, key=taken.count)
+        link.label = next((spot for spot in spots if not taken.count(spot)), None) or min(spots, key=taken.count)
         taken.boxes.append(link.label)
 
 

@@ -217,9 +217,9 @@ class _Writer:
             yield f"  </{di}BPMNLabel>"
 
     def _id(self, wanted: str) -> str:
-        """An id that the file does not have, as XML allows it."""
-        stem = re.sub(r"[^\w.-]", "_", wanted)
-        stem = stem if re.match(r"[^\W\d]", stem) else f"_{stem}"
+        """An id that the file does not have, as bpmn-moddle allows it."""
+        stem = re.sub(r"[^\w.-]", "_", wanted, flags=re.ASCII)
+        stem = stem if re.match(r"[A-Za-z_]", stem) else f"_{stem}"
         id, number_of = stem, 1
         while id in self.taken:
             number_of += 1
