@@ -183,10 +183,9 @@ class AcknowledgedSignals:
         self._handle(name, event)
 
     def _handle(self, name: str, event: OutgoingEvent) -> None:
-        had = {one.robot: one.accepted for one in self.outgoing[name].receivers} if isinstance(event, Answered) else {}
         self.outgoing[name], actions = step_outgoing(self.outgoing[name], event)
         if isinstance(event, Answered):
-            self._look_at(name, event.robot, had.get(event.robot))
+            self._trip(name, event.robot).answered(event.number, self._node.scheduler.now)
         for action in actions:
             match action:
                 case Transmit(robot, life, follows, signal):
@@ -242,13 +241,10 @@ class AcknowledgedSignals:
         return [self._behind(*pair) for pair in sorted(self._congested)]
 
     def _trip(self, name: str, robot: str) -> RoundTrip:
-        return self._trips.setdefault((name, robot), RoundTrip())
-
-    def _look_at(self, name: str, robot: str, had: int | None) -> None:
-        """Note what an answer says of the way to a robot, and of how far it is behind."""
-        receiver = next((one for one in self.outgoing[name].receivers if one.robot == robot), None)
-        if receiver is not None and receiver.accepted > (had or 0):
-            self._trip(name, robot).answered(receiver.accepted, self._node.scheduler.now)
+        trip = self._trips.get((name, robot))
+        if trip is None:
+            trip = self._trips[name, robot] = RoundTrip()
+        return trip
 
     def _report_expired(self, name: str, robot: str, signals: tuple[Signal, ...]) -> None:
         first, last, ttl = signals[0].number, signals[-1].number, self.outgoing[name].ttl / SECOND

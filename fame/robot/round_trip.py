@@ -17,10 +17,12 @@ class RoundTrip:
               its answer may be that of the first time (Karn's algorithm)
     patience  for how long a receiver may make no progress before it is asked what it has
     moved     when it last made progress, or was asked
+    has       the number in its last answer
     """
 
     patience: int = _LEAST
     moved: int = 0
+    has: int = 0
     number: int = 0
     began: int = 0
     mean: float = 0.0
@@ -32,8 +34,10 @@ class RoundTrip:
             self.number, self.began = number, now
 
     def answered(self, number: int, now: int) -> None:
-        """The receiver has all signals up to this number: one more than before."""
-        self.moved = now
+        """The receiver says that it has all signals up to this number."""
+        if number == self.has:
+            return
+        self.has, self.moved = number, now
         if self.number and number >= self.number:
             self._measure(now - self.began)
             self.number = 0
