@@ -9,6 +9,7 @@ from itertools import pairwise
 from fame.bpmn.draw.style import SIZE
 from fame.bpmn.draw.svg import Obstacles, Point, crosses, text_width
 from fame.bpmn.model import Bounds
+from fame.layout.arrange import HEADER
 from fame.layout.content import (
     ARTIFACTS,
     BODIES,
@@ -29,7 +30,6 @@ from fame.layout.routing import (
 _NEVER = float("inf")
 _INSET, _OUTSIDE = 6.0, 80.0
 _LABEL_MARGIN = 3.0
-_HEADER = 30.0
 
 
 def connect(content: DiagramContent) -> None:
@@ -93,7 +93,7 @@ def _upright(link: LayoutLink) -> list[Point]:
 def room_of(frame: LayoutBox) -> Bounds:
     """Return the inside of a frame, right of the names of a pool and its lanes."""
     left = frame.width - min((lane.width for lane in _leaves(frame.lanes)), default=frame.width)
-    left += _HEADER if frame.kind == "participant" else 0.0
+    left += HEADER if frame.kind == "participant" else 0.0
     box = frame.bounds
     return Bounds(box.x + left + _INSET, box.y + _INSET, box.width - left - 2 * _INSET, box.height - 2 * _INSET)
 

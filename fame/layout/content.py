@@ -108,7 +108,6 @@ class LayoutLink:
     directed: bool = True
     waypoints: list[tuple[float, float]] = field(default_factory=list)
     label: Bounds | None = None
-    placed: bool = False
 
 
 @dataclass(slots=True)

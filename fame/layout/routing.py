@@ -21,11 +21,11 @@ MARGIN = 8.0
 """The least distance between a line and a shape that it passes."""
 _BESIDE = (20.0, 32.0, 44.0)
 """How far from a shape the lines of the grid run beside it."""
-_APART = 5.0
-"""Lines of the grid are no closer."""
+_APART, _NEAR = 10.0, 5.0
+"""Lines of the grid beside shapes are no closer to others; a link covers the lines that are nearer."""
 _BEND, _CROSSING, _COVERING = 60.0, 45.0, 600.0
-RIGHT, DOWN, LEFT, UP = range(4)
 _STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+"""Directions: right, down, left, up."""
 
 
 class Obstacle(NamedTuple):
@@ -87,7 +87,7 @@ class RoutingGrid:
 
     def _enter(self, kind: int, at: float, low: float, high: float, ends: Ends) -> None:
         along, across = (self.xs, self.ys) if kind == 0 else (self.ys, self.xs)
-        near = range(bisect_left(across, at - _APART), bisect_right(across, at + _APART))
+        near = range(bisect_left(across, at - _NEAR), bisect_right(across, at + _NEAR))
         for line in near:
             for cell in _cells(along, low + 0.5, high - 0.5):
                 self._covered[kind][(line, cell) if kind == 0 else (cell, line)].append(ends)
