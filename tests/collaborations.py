@@ -23,7 +23,11 @@ A robot is a list of steps::
     ("done", A, H)  a sub-process A with a compensation handler H
     ("deal", A, H)  a transaction A, H after its cancellation; "cancel": a cancel end event
     ("mapped", P)   calls process P with variables of its own
-    ("first", A, C) a sub-process A for each of two at once, until a condition C
+    ("first", A, C) a sub-process A for each of two at once, until a condition C; "again": twice while it holds
+    ("both", x, y)  waits for two signals in any order
+    ("pause", A, t, H)  a sub-process A that a trigger suspends for H
+    ("any", A, B)   branches in parallel, of which the first goes on
+    ("adhoc", A, B) an ad-hoc sub-process of two sub-processes, one after the other
 
 A trigger t is a signal ``x``, ``message m``, ``timer PT5S``, ``error c``, ``escalation e`` or ``condition C``;
 ``error`` and ``escalation`` are those of any code. The first step may be ``start x``: the robot starts with that
@@ -251,18 +255,57 @@ class _Process:
             self.flow(end, merge)
         return merge
 
-    def _scope(self, before: str, body: Steps, trigger: str, handler: Steps, interrupting: bool = True) -> str:
+    def _scope(
+        self, before: str, body: Steps, trigger: str, handler: Steps, interrupting: bool = True, inside: str = ""
+    ) -> str:
         how = "" if interrupting else 'isInterrupting="false"'
         outside, self.text = self.text, []
         self._inside(
             self.node("startEvent", self.trigger(trigger), f"name={quoteattr(trigger)} {how}", "start"), handler
         )
-        handling = f'<subProcess id="{self.id("handler")}" triggeredByEvent="true">{"".join(self.text)}</subProcess>'
+        handling = (
+            f'<subProcess id="{self.id("handler")}" triggeredByEvent="true">{inside}{"".join(self.text)}</subProcess>'
+        )
         self.text = outside
         return self._sub(before, body, handling)
 
     def _beside(self, before: str, body: Steps, trigger: str, handler: Steps) -> str:
         return self._scope(before, body, trigger, handler, interrupting=False)
+
+    def _pause(self, before: str, body: Steps, trigger: str, handler: Steps) -> str:
+        resume = '<camunda:properties><camunda:property name="resume" value="true"/></camunda:properties>'
+        return self._scope(before, body, trigger, handler, inside=f"<extensionElements>{resume}</extensionElements>")
+
+    def _both(self, before: str, first: str, second: str) -> str:
+        inner = self.signal(first) + self.signal(second)
+        made = self.node("intermediateCatchEvent", inner, 'parallelMultiple="true"', "both")
+        self.flow(before, made)
+        return made
+
+    def _any(self, before: str, *branches: Steps) -> str | None:
+        fork = self.node("parallelGateway", "", "", "fork")
+        self.flow(before, fork)
+        ends = [end for branch in branches if (end := self.steps(fork, branch)) is not None]
+        if not ends:
+            return None
+        when = "<activationCondition>activationCount &gt;= 1</activationCondition>"
+        join = self.node("complexGateway", when, "", "any")
+        for end in ends:
+            self.flow(end, join)
+        return join
+
+    def _adhoc(self, before: str, *bodies: Steps) -> str:
+        outside, self.text = self.text, []
+        for body in bodies:
+            self._body(body)
+        content, self.text = "".join(self.text), outside
+        made = self.node("adHocSubProcess", content, 'ordering="Sequential"', "adhoc")
+        self.flow(before, made)
+        return made
+
+    def _again(self, before: str, body: Steps, condition: str) -> str:
+        loop = f'<standardLoopCharacteristics loopMaximum="2"><loopCondition>{escape(condition)}</loopCondition>'
+        return self._sub(before, body, f"{loop}</standardLoopCharacteristics>")
 
     def _sub(self, before: str, body: Steps, more: str = "", tag: str = "subProcess") -> str:
         made = self._body(body, more, tag)
@@ -526,6 +569,7 @@ def varied(seed: int, *, rich: bool = False) -> tuple[dict[str, Steps], dict[str
     if rich:
         simple += ["fail", "raise", "crash", "say", "escalate", "undo", "jump", "until"]
         nested += ["call", "call", "mapped", "done", "deal", "first", "guard", "scope"]
+        nested += ["again", "both", "pause", "any", "adhoc"]
         codes = ODD_CODES
         others = ["error", "error", "escalation", *(f"escalation {code}" for code in ESCALATIONS), "condition n == 1"]
         ends += [f"error {code}" for code in codes] + ["cancel", "cancel"]
@@ -561,14 +605,16 @@ def varied(seed: int, *, rich: bool = False) -> tuple[dict[str, Steps], dict[str
                 return f"run {random.choice(SETS)}"
             case "count":
                 return "run n = (n + 1) % 3"
-            case "and" | "or" | "some":
+            case "and" | "or" | "some" | "any" | "adhoc":
                 return (kind, steps(depth + 1, called), steps(depth + 1, called))
             case "if":
                 return (kind, "n == 1", steps(depth + 1, called), steps(depth + 1, called))
             case "each" | "turns":
                 return (kind, 2, steps(2, called))
-            case "first":
+            case "first" | "again":
                 return (kind, steps(2, called), "n == 1")
+            case "both":
+                return (kind, *random.sample(signals, 2))
             case "done":
                 return (kind, steps(depth + 1, called), steps(2, called))
             case "deal":
@@ -576,7 +622,7 @@ def varied(seed: int, *, rich: bool = False) -> tuple[dict[str, Steps], dict[str
             case "race":
                 first = random.choice((f"catch {random.choice(signals)}", f"receive {random.choice(messages)}"))
                 return ("race", [first, *steps(depth + 1, called)], ["timer PT9S"])
-            case "scope" | "guard":
+            case "scope" | "guard" | "pause":
                 return (kind, steps(depth + 1, called), trigger(), steps(2, called))
             case "beside" | "watch":
                 when = random.choice((*signals, *(f"message {name}" for name in messages), "timer PT4S", *quiet))
