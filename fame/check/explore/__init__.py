@@ -13,7 +13,8 @@
     abstraction     what is left out of a model: work inside behaviours, variables that decide nothing
     behaviours      called processes that are explored as one step
     team_facts      what all processes of a team have in common
-    error_codes     with which services and called processes may fail
+    failures        with which codes scripts, services and behaviours fail, and which nothing catches
+    error_codes     which codes are thrown, and caught
     decisive        variables and payloads that decide something
     element_variables  what elements use besides their texts
     slicing         statements of scripts that decide nothing

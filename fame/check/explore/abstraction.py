@@ -4,9 +4,9 @@ Theory of operation. Each process is rewritten, and the engine executes the resu
 
 1. `team_facts` reads all processes: their topics and codes, and what is known of their variables.
 2. A call of a behaviour of which nobody notices the inside (`behaviours`) becomes a step, as a service is one: it ends
-   at some time, or raises one of the error codes that it can (`error_codes`). What it sets is unknown.
-3. `decisive` finds the variables that decide something in what is left. Then all is rewritten once more: scripts lose
-   the statements that set no such variable, and operations on what is unknown anyway.
+   at some time, or raises one of the error codes that it can (`failures`). What it sets is unknown.
+3. What is left is rewritten once more, now that it is known what decides something: scripts lose the statements that
+   set no such variable, and operations on what is unknown anyway. `decisive` names the variables that are kept.
 
 The result does all that the processes can do, and more: what is left out is replaced by any time, any outcome, or an
 unknown value. In doubt something counts as deciding, which costs states; docs/abstraction.md lists what is not found.
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from fame.bpmn import model
 from fame.bpmn.library import Library
@@ -26,23 +26,15 @@ from fame.check.explore.behaviours import is_step
 from fame.check.explore.counting import without_items
 from fame.check.explore.decisive import decisive, needed_by_statements
 from fame.check.explore.element_variables import assigned_by, changed_by, filled_in, written_by, written_objects
-from fame.check.explore.error_codes import (
-    boundary_codes,
-    computed_codes,
-    computes_code,
-    named_service_codes,
-    service_codes,
-    step_codes,
-    thrown_by,
-)
+from fame.check.explore.error_codes import computed_codes
+from fame.check.explore.failures import Failures, Guarded, in_order
 from fame.check.explore.slicing import sliced, without_operations
 from fame.check.explore.team_facts import TeamFacts, facts_of
-from fame.check.explore.values import MARK
 from fame.check.expressions import cover_all
 from fame.dataclasses import dataclass, field, fields, replace
 from fame.engine.data import variable_name
 from fame.errors import FameError
-from fame.scripting.effects import effects_of, script_effects
+from fame.scripting.effects import effects_of
 
 STEP = "explored step "
 """Begins the names of the services that take the place of behaviours."""
@@ -85,7 +77,6 @@ class Abstraction:
     guarded  scripts whose exceptions an error event may catch
     asks     script that waits for actions and services -> the codes with which it may fail because of them
     computed (throwing event, text of its computed code) -> the named codes that it may have
-    unhandled  (element, code) of services, actions and behaviours with such inside: they may fail, nothing catches it
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
 
     Elements are known by their ids alone, so that what two processes with one id add is joined.
@@ -93,6 +84,7 @@ class Abstraction:
 
     library: Library
     facts: TeamFacts
+    failures: Failures
     needed: frozenset[str] | None = None
     kept: Mapping[str, frozenset[str]] = field(default_factory=dict)
     matters: frozenset[str] = frozenset()
@@ -101,7 +93,6 @@ class Abstraction:
     guarded: set[str] = field(default_factory=set)
     asks: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
-    unhandled: set[tuple[str, str]] = field(default_factory=set)
     given: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _rewritten: dict[tuple[str, int], tuple[model.Process, model.Process]] = field(default_factory=dict)
@@ -158,29 +149,13 @@ def abstraction(
     """
     processes = (process for _, process in all_processes(definitions, pools, library))
     facts = facts_of(processes, types, given=given, read=read, parameters=parameters, named=named)
-    whole = Abstraction(library, facts)
-    bodies = [body for pool in pools for body in whole.bodies(definitions, pool.process)]
-    rewritten = Abstraction(library, facts, needed_by_statements(facts, whole.caught, bodies))
+    first = Abstraction(library, facts, Failures(library, facts))
+    bodies = [body for pool in pools for body in first.bodies(definitions, pool.process)]
+    needed = needed_by_statements(facts, first.caught, bodies)
+    rewritten = Abstraction(library, facts, Failures(library, facts), needed)
     by_pool = {pool.name: rewritten.bodies(definitions, pool.process) for pool in pools}
     rewritten.kept, rewritten.matters = decisive(facts, rewritten.caught, by_pool)
     return rewritten
-
-
-@dataclass(frozen=True, slots=True)
-class _Scope:
-    """A body that is rewritten.
-
-    guarded  an error event is around it: at a sub-process, in one, or perhaps at a call; of which code, is not asked
-    hosts    its activities with an error event of their own
-    """
-
-    body: model.Body
-    guarded: bool
-    hosts: frozenset[str]
-
-    def guards(self, node: model.FlowNode) -> bool:
-        """Return whether an error event is at an element, or around it."""
-        return self.guarded or node.id in self.hosts
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,29 +165,30 @@ class _Rewriter:
     to: Abstraction
     home: model.Definitions
 
-    def body(self, body: model.Body, guarded: bool) -> model.Body:
+    def body(self, body: model.Body, inside: bool) -> model.Body:
+        """Return a body as it is explored; `inside`: whether an error event is around it."""
         handlers = (node.body for node in body.nodes if node.triggered_by_event and node.body is not None)
-        guarded |= any(start.defined(model.ErrorDefinition) for handler in handlers for start in handler.nodes)
+        inside |= any(start.defined(model.ErrorDefinition) for handler in handlers for start in handler.nodes)
         hosts = frozenset(node.attached_to for node in body.nodes if node.defined(model.ErrorDefinition))
-        scope = _Scope(body, guarded, hosts)
-        return replace(body, nodes=tuple(self._node(node, scope) for node in body.nodes))
+        within = Guarded(body, inside, hosts)
+        return replace(body, nodes=tuple(self._node(node, within) for node in body.nodes))
 
-    def _node(self, node: model.FlowNode, scope: _Scope) -> model.FlowNode:
+    def _node(self, node: model.FlowNode, guarded: Guarded) -> model.FlowNode:
         match node:
             case model.SubProcess():
-                return replace(node, body=self.body(node.body, scope.guards(node)))
+                return replace(node, body=self.body(node.body, node in guarded))
             case model.CallActivity():
-                return self._call(node, scope)
+                return self._call(node, guarded)
             case model.Gateway():
-                return _with_way_out(node, scope.body)
+                return _with_way_out(node, guarded.body)
             case model.Event():
                 return self._event(node)
             case model.Task(kind="script", script=model.Expression() as script):
-                return self._script(node, script, scope)
+                return self._script(node, script, guarded)
             case model.Task(kind="service"):
-                self.to.steps[step_name(self.home.file, node.id)] = self._service(node, scope)
+                self.to.steps[step_name(self.home.file, node.id)] = self._service(node, guarded)
             case model.Task(kind="user" | "manual"):
-                self.to.given[node.id] |= {*filled_in(node, scope.body)}
+                self.to.given[node.id] |= {*filled_in(node, guarded.body)}
         return node
 
     def _event(self, event: model.Event) -> model.Event:
@@ -224,31 +200,31 @@ class _Rewriter:
                 for one in event.definitions)  # fmt: skip
         return replace(event, definitions=tuple(kept))
 
-    def _script(self, task: model.Task, script: model.Expression, scope: _Scope) -> model.Task:
+    def _script(self, task: model.Task, script: model.Expression, guarded: Guarded) -> model.Task:
         """A script without what decides nothing. What it raises may decide something if an error event may notice."""
         facts, needed = self.to.facts, self.to.needed
-        if scope.guards(task) or effects_of(script, script=True).fails:
+        if task in guarded or effects_of(script, script=True).fails:
             self.to.caught.add(task.id)
-        if self._is_caught(task, scope) or ("script" in facts.catches and scope.guards(task)):
+        if self.to.failures.exceptions_are_caught(task, guarded):
             self.to.guarded.add(task.id)
-        self.to.asks[task.id] |= self._asked_codes(task, scope)
+        self.to.asks[task.id] |= self.to.failures.of_script(task, guarded)
         script = without_operations(without_items(script, facts.counted), facts.unknown)
         if needed is not None:
             script = facts.aliases.marked(script if task.id in self.to.caught else sliced(script, needed), needed)
         return replace(task, script=script)
 
-    def _service(self, task: model.Task, scope: _Scope) -> AbstractStep:
+    def _service(self, task: model.Task, guarded: Guarded) -> AbstractStep:
         """A service or action: its feedback comes at any time, its result at its end."""
         results = set[str]()
         if task.service is not None and task.io is not None and task.io.outputs:
             results = {"msg"}.union(*(effects_of(item.source).reads for item in task.io.outputs))
         elif task.service is not None and not task.result_variable:
-            results = {*written_objects(task, scope.body)} or {variable_name(task.service.name)}
+            results = {*written_objects(task, guarded.body)} or {variable_name(task.service.name)}
         feedback = re.findall(r"\w+", task.properties.get("feedback", ""))
-        codes = self._service_codes(task, scope)
-        return AbstractStep(writes=tuple(feedback), results=_sorted(results), codes=_sorted(codes))
+        codes = self.to.failures.of_service(task, guarded)
+        return AbstractStep(writes=tuple(feedback), results=in_order(results), codes=in_order(codes))
 
-    def _call(self, call: model.CallActivity, scope: _Scope) -> model.FlowNode:
+    def _call(self, call: model.CallActivity, guarded: Guarded) -> model.FlowNode:
         """A call as a step, if what it calls is one."""
         try:
             called = self.to.library.find(self.home, call)
@@ -257,7 +233,7 @@ class _Rewriter:
         except FameError:  # the compiler refuses it
             return call
         processes = [process for _, process in self.to.library.closure(*called)]
-        name, codes = step_name(self.home.file, call.id), self._call_codes(call, called, processes, scope)
+        name, codes = step_name(self.home.file, call.id), self.to.failures.of_call(call, called, processes, guarded)
         self.to.steps[name] = replace(self._call_variables(call, processes), codes=codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         return model.Task(kind="service", operation=name, **kept | {"io": None, "copies_out": (), "required": ()})
@@ -274,72 +250,11 @@ class _Rewriter:
                 changes, used = (given if names else set() for names in (changes, used))
             results = writes if call.io.all_out else {item.target for item in call.io.outputs}
             writes = set()
-        return AbstractStep(_sorted(writes), _sorted(changes), _sorted(results), _sorted(used))
+        return AbstractStep(in_order(writes), in_order(changes), in_order(results), in_order(used))
 
     def _with_aliases(self, names: Iterable[str]) -> set[str]:
         given = {*names}
         return given.union(*(self.to.facts.aliases.of((name, False)) for name in given))
-
-    # ---- error codes -------------------------------------------------------------------------------------------------
-
-    def _is_caught(self, node: model.Activity, scope: _Scope) -> bool:
-        """Whether an error event of any code is at an element, or around it."""
-        return "" in self.to.facts.catches and (scope.guarded or None in boundary_codes(node, scope.body))
-
-    def _unhandled(self, node: model.Activity, codes: Set[str], named: Set[str]) -> set[str]:
-        """Note one of the codes that nothing catches, which stands for all of them, and those that properties name."""
-        example = sorted(codes, key=lambda code: (code != "service", code))[:1]
-        self.to.unhandled |= {(node.id, code) for code in (*example, *named)}
-        return {*example, *named}
-
-    def _asked_codes(self, task: model.Task, scope: _Scope) -> set[str]:
-        """The codes with which the actions and services of a script fail, as those of a service task do."""
-        facts, asked = self.to.facts, {*script_effects(task).asked}
-        codes = asked & facts.catches
-        named = (asked & facts.named) - codes
-        if asked and self._is_caught(task, scope):
-            return codes | named | {min(asked)}
-        return codes | self._unhandled(task, asked - codes - {"canceled"}, named)
-
-    def _service_codes(self, task: model.Task, scope: _Scope) -> set[str]:
-        """The codes with which a service or action may fail: of those that error events of the team catch."""
-        facts = self.to.facts
-        at_boundary = {code for code in boundary_codes(task, scope.body) if code and code != "script"}
-        codes = at_boundary | service_codes(task, facts.catches)
-        named = named_service_codes(task, facts.named) - codes
-        if self._is_caught(task, scope):
-            return codes | named | {"service" if task.service is not None else "script"}
-        return codes | self._unhandled(task, service_codes(task, None) - codes, named)
-
-    def _call_codes(
-        self,
-        call: model.CallActivity,
-        called: tuple[model.Definitions, model.Process],
-        processes: Sequence[model.Process],
-        scope: _Scope,
-    ) -> tuple[str, ...]:
-        """The codes with which a called behaviour may fail: its own, and those of the services and work inside."""
-        facts = self.to.facts
-        thrown = thrown_by(self.to.library, *called, facts.catches)
-        codes = step_codes(call, thrown, scope.body)
-        for_properties = facts.named if thrown is None else thrown_by(self.to.library, *called, facts.named)
-        named = (for_properties or frozenset()) - codes
-        inside = [node for process in processes for node in process.body.walk()]
-        served = any(node.service is not None or script_effects(node).asked for node in inside)
-        worked = any(node.operation and node.service is None for node in inside)
-        own = {"service"} if served else {"script"} if worked else set[str]()
-        if self._is_caught(call, scope):
-            return _sorted(codes or own) + _sorted(named)
-        computed = thrown is None and any(map(computes_code, inside))
-        if not (own or named or computed):
-            return _sorted(codes)
-        every = step_codes(call, thrown_by(self.to.library, *called, None), scope.body) if served else own
-        left = every - codes or ({MARK} if computed else own - codes)  # MARK: a code of which nothing is known
-        return _sorted(codes) + _sorted(self._unhandled(call, left, named))
-
-
-def _sorted(names: Iterable[str]) -> tuple[str, ...]:
-    return tuple(sorted(names))
 
 
 def _with_way_out(gateway: model.Gateway, body: model.Body) -> model.Gateway:

@@ -74,7 +74,7 @@ def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Sear
     Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
     """
     entered = set[str]().union(*(local.states.visited for local in team.locals))
-    may_fail = sorted({element for element, _ in team.model.unhandled} & entered)
+    may_fail = sorted({element for element, _ in team.model.failures.unhandled} & entered)
     if not may_fail or team.monitors is None or not any(proof.verdict in _HOLDING for proof in searched.judged):
         return searched
     again = dict[str, Judged]()
@@ -94,7 +94,7 @@ def _after_failures(
     if proof.verdict not in _HOLDING or (again is not None and again.verdict in _HOLDING):
         return proof
     run = again.run if again is not None else ()
-    failed = [step.element for step in run if (step.element, step.detail) in team.model.unhandled]
+    failed = [step.element for step in run if (step.element, step.detail) in team.model.failures.unhandled]
     names = " or ".join(team.places[element].display_name for element in dict.fromkeys(failed or may_fail))
     why = f"{names} may fail, and nothing catches it"
     if cuts and (again is None or again.verdict != "refuted"):

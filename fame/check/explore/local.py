@@ -93,7 +93,7 @@ class Local:
         self.host.memory = Memory(self.host.remembered)
         self.kept: frozenset[str] = model.kept[pool.name].union(self.host.remembered)
         self.host.kept = self.kept.__contains__
-        self.body, self.unhandled = explored.body, model.unhandled
+        self.body, self.unhandled = explored.body, model.failures.unhandled
         file = definitions.file
         self.program: Program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)
         elements = self.program.elements

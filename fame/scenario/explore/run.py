@@ -1,6 +1,7 @@
 """The run of a scenario beside an exploration that a limit has ended.
 
-How long a behaviour takes is decided by the world, which no search knows: what a plain run shows is found by running.
+No search knows how long a behaviour takes: the world decides that. So the engines run the scenario once, with its seed.
+What goes wrong in it is a finding of kind ``run``. A run in which all goes well proves nothing: it is but a sample.
 """
 
 from __future__ import annotations
@@ -17,41 +18,51 @@ from fame.scenario.result import Result
 from fame.scenario.run import Run
 from fame.scenario.scenario import Scenario
 
-_KINDS = ("run", "deadlock", "lost", "never")
-"""Kinds of findings by which a model accepts that a robot waits at the end."""
+_ACCEPTED = ("run", "deadlock", "lost", "never")
+"""Kinds of findings of which each is accepted where a robot waits at the end."""
 
 
-def with_run(found: Exploration, scenario: Scenario, seconds: float | None) -> Exploration:
-    """With a run of the scenario, as a finding if it fails or is not over at its end; `seconds` of the wall clock."""
+def with_run(explored: Exploration, scenario: Scenario, seconds: float | None) -> Exploration:
+    """Return an exploration with a run of its scenario, cut after `seconds` of the wall clock, None for no bound."""
     name = f"a run of the scenario (seed {scenario.seed})"
     try:
         result = scenario.run(pace=None if seconds is None else _Patience(seconds))
     except FameError as error:
-        return replace(found, sampled=(*found.sampled, f"no run of the scenario: {error}"))
-    ended = ", not to its end" if result.status == "interrupted" else ""
-    found = replace(found, sampled=(*found.sampled, name + ended))
-    violated = [str(one) for one in result.judgements if one.verdict == "violated"]
-    failed = violated or any(robot.failed for robot in result.robots)
-    if result.status in ("completed", "interrupted") and not failed:
-        return found
+        return replace(explored, sampled=(*explored.sampled, f"no run of the scenario: {error}"))
+    sample = name + (", not to its end" if result.status == "interrupted" else "")
+    explored = replace(explored, sampled=(*explored.sampled, sample))
+    failure = _failure(name, scenario, result)
+    if failure is None:
+        return explored
+    findings = sorted((*explored.findings, failure), key=lambda finding: finding.level != "error")
+    return replace(explored, findings=tuple(findings))
+
+
+def _failure(name: str, scenario: Scenario, result: Result) -> Finding | None:
+    """What goes wrong in a run: a robot fails, a property is violated, or it is not over when its time is."""
+    violated = [str(judged) for judged in result.judgements if judged.verdict == "violated"]
+    over = result.status in ("completed", "interrupted")
+    if over and not violated and not any(robot.failed for robot in result.robots):
+        return None
     text = f"{name} goes wrong: {'; '.join([*violated, *result.messages])}"
-    finding = Finding("run", text, accepted=_acceptance(scenario, result), certain=True)
-    return replace(found, findings=tuple(sorted((*found.findings, finding), key=lambda one: one.level != "error")))
+    return Finding("run", text, accepted="" if violated else _acceptance(scenario, result), certain=True)
 
 
 def _acceptance(scenario: Scenario, result: Result) -> str:
-    """Why the model accepts what waits at the end; empty if not all of it is, or something else is wrong."""
-    violated = any(one.verdict == "violated" for one in result.judgements)
-    if violated or result.never_started or result.problems or any(robot.errors for robot in result.robots):
+    """Why the model accepts each wait at the end; empty if it does not, or if more is wrong than that robots wait."""
+    if result.never_started or result.problems or any(robot.errors for robot in result.robots):
         return ""
     reasons = accepted(scenario.definitions, pools_of(scenario.definitions), scenario.library)
-    waiting = (([wait.element for wait in robot.waits], robot.name) for robot in result.robots if robot.waits)
-    robots = [(elements, scenario.cast[name].process.id) for elements, name in waiting]
-    return acceptance(reasons, robots, _KINDS)
+    waiting = [
+        ([wait.element for wait in robot.waits], scenario.cast[robot.name].process.id)
+        for robot in result.robots
+        if robot.waits
+    ]
+    return acceptance(reasons, waiting, _ACCEPTED)
 
 
 class _Patience:
-    """Lets a run go on for some seconds of the wall clock."""
+    """A pace that lets a run go on for some seconds of the wall clock."""
 
     attended = False
 
