@@ -27,6 +27,8 @@ from fame.cli import main
 from fame.dataclasses import replace
 from fame.errors import ModelError
 from fame.layout import add_diagram, lay_out
+from fame.testing.coverage import Coverage, html_report
+from fame.view.catalogue import Catalogue
 
 ROOT = Path(__file__).parent.parent
 LAYOUTS = runpy.run_path(str(ROOT / "docs" / "layouts.py"))
@@ -447,6 +449,16 @@ def test_more_elements_than_anybody_reads_are_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr("fame.layout._MOST", 2)
     with pytest.raises(ModelError, match="expected at most 2 elements to lay out, got 3"):
         lay_out(read_text(process('<startEvent id="s"/><task id="t"/>')))
+
+
+def test_the_page_and_the_report_of_coverage_show_a_model_without_a_diagram() -> None:
+    model = read_text(process('<startEvent id="s"/><task id="t"/>' + flow("s", "t")))
+    (drawing,) = Catalogue([model]).drawings
+    assert drawing.boxes.keys() == {"s", "t"}
+    assert drawing.lines.keys() == {"s_t"}
+    report = html_report(Coverage(_files={"m.bpmn": model}, _processes={("m.bpmn", model.processes[0].id): None}))
+    assert '<g id="s_t">' in report
+    assert "has no diagram" not in report
 
 
 def test_parts_of_a_split_file_get_a_diagram(tmp_path: Path) -> None:
