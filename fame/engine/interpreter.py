@@ -216,6 +216,13 @@ class Engine(EngineState):
             runs = wait.key > self.restored  # it has begun since, or again when what held it ended
             if wait.started and wait.alive and not (wait.paused or runs):
                 tasks.restart(self, wait)
+        self.continue_restored()
+
+    def continue_restored(self) -> None:
+        """Let the tokens go on that waited, in a restored state, for scripts that were being cancelled."""
+        for key in [key for key, continuation in self.cancelling.items() if not continuation.pending]:
+            continuation = self.cancelling.pop(key)
+            self.ready.append((continuation.node, continuation.scope))
         self.run()
 
     def hold(self) -> None:

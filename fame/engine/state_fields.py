@@ -111,9 +111,8 @@ def _write_continuations(continuations: Mapping[int, Continuation], to: StateWri
 
 
 def _read_continuations(data: list[Any], of: Reader) -> dict[int, Any]:
-    """Let the tokens continue at once: scripts that were being cancelled count as ended."""
-    of.engine.ready.extend((of.nodes[item["node"]], of.objects[item["scope"]]) for item in data)
-    return {}
+    """Scripts that were being cancelled count as ended: their tokens go on with `Engine.continue_restored`."""
+    return {-n: Continuation(0, of.nodes[one["node"]], of.objects[one["scope"]]) for n, one in enumerate(data, 1)}
 
 
 VALUE = FieldCodec(lambda value, to: value, lambda data, of: data)

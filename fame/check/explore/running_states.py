@@ -50,7 +50,7 @@ def go_on(engine: Engine) -> None:
     """Continue what is held, and arm what a migrated state lacks."""
     engine.release()
     arm_new(engine)
-    engine.run()
+    engine.continue_restored()
 
 
 def _load_known(data: Any, values: Values) -> Any:
