@@ -45,7 +45,7 @@ START = 1_700_000_000
 _DECLARED = 'xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
 LOOSE = ("break", "go", "ask", "loose")
 """Kinds in the ids of elements whose visits depend on when they are, or on how often a person repairs them."""
-IGNORED = {"helped", "loose", "unknown", "state", "recovered", "told", "goal", "go", "mine"}
+IGNORED = {"helped", "loose", "unknown", "state", "recovered", "told", "go", "mine"}
 """Variables that a person sets, or that depend on times."""
 
 
@@ -144,8 +144,9 @@ class _Lasting(_Process):
 
     def _go(self, before: str, retry: str, how: str, limit: str = "") -> str:
         """A goal; one that is refused, aborted or not done within `limit` is an error, which goes on."""
-        count = "done['goal'] = done.get('goal', 0) + 1\ngoal = 1000 * version + done['goal']"
-        position = f"{{x: ${{goal}}, y: {GOALS[how]}, z: {RETRIES.index(retry)}}}"
+        goal = f"goal_{self._place[0]}"  # branches share variables
+        count = f"done['goal'] = done.get('goal', 0) + 1\n{goal} = 1000 * version + done['goal']"
+        position = f"{{x: ${{{goal}}}, y: {GOALS[how]}, z: {RETRIES.index(retry)}}}"
         payload = f"{{pose: {{header: {{frame_id: {self.robot}}}, pose: {{position: {position}}}}}}}"
         called = _properties(action="/go", type=DRIVE, payload=payload, retry=retry)
         numbered = self.after(before, self.script(count, "number"))
@@ -329,6 +330,11 @@ def text_of(mission: Mission, version: int) -> str:
 
 
 # ---- versions --------------------------------------------------------------------------------------------------------
+
+
+def is_started(mission: Mission, robot: str) -> bool:
+    """Whether a signal starts its instances, each of which counts for itself."""
+    return bool(mission["robots"][robot]) and mission["robots"][robot][0][0] == "start"
 
 
 def kinds_met(mission: Mission, visited: Collection[str]) -> set[str]:
@@ -635,7 +641,7 @@ def outcome_of(node: RobotNode) -> Outcome:
 
 
 def _ignored(variable: str) -> bool:
-    return variable in IGNORED or variable.startswith("pause")
+    return variable in IGNORED or variable.startswith(("pause", "goal"))
 
 
 def _is_loose(id: str) -> bool:

@@ -15,7 +15,7 @@ from fame.engine import Instance
 from fame.engine.state import Mailbox
 from fame.middleware.codec import deserialize
 
-from .drawn import LAST, RETRIES, edits_of, help_needed, kinds_met, outcome_of, reference
+from .drawn import LAST, RETRIES, edits_of, help_needed, is_started, kinds_met, outcome_of, reference
 from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
@@ -202,7 +202,8 @@ def sent_again(team: Team) -> Iterator[str]:
         key = robot.name, run, round(place.x)
         allowed = {"cancel"} if RETRIES[round(place.z)] == "never" else {"cancel", "crash", "server"}
         excused = any(last.get(key, 0) <= at <= time and why in allowed for at, why in robot.excuses)
-        if key in last and not excused:
+        started = team.plan.mission is not None and is_started(team.plan.mission, robot.name)
+        if key in last and not (excused or started):
             yield f"{robot.name} has sent its goal {place.x:g} again, retry {RETRIES[round(place.z)]}"
         last[key] = time
 

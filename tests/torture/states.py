@@ -133,7 +133,7 @@ def _kept(node: RobotNode, elements: set[str]) -> State:
     return {
         "variables": {f"{key}": _Writer().write(one.variables) for key, one in node.engine.instances.items()},
         "tokens": sorted(id for one in node.engine.instances.values() for id in one.waiting if id in elements),
-        "incidents": sorted(one.node.id for one in node.engine.incidents),
+        "incidents": sorted(one.node.id for one in node.engine.incidents if one.node.id in elements),
         "suspended": node.suspension.by,
     }
 
@@ -292,6 +292,8 @@ class Witness:
         def taken_over(candidate: Any, before: str) -> Any:
             assert engine.running is not None
             new, engine._anew = set(candidate.process.engine.program.elements), ""
+            for element, fate in candidate.envelope.plan.get("elements", {}).items():
+                new -= {element, *(fate.values() if isinstance(fate, dict) else ())}
             had, dues = _kept(engine.running, new), _dues(engine.running, new)
             go_on, timers = take_over(candidate, before)
             if engine._anew:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import math
+import random
 import re
 import sys
 from collections import Counter
@@ -41,7 +42,7 @@ from fame.robot.journal import StateDirectory
 from fame.scripting.cancelled_goals import BOUND
 
 from .disks import PowerLoss
-from .drawn import ASK, GOALS, accepts, durations_of, end_goal, help_needed, text_of
+from .drawn import ASK, GOALS, accepts, durations_of, end_goal, help_needed, is_started, text_of
 from .fabric import Fabric, Wire
 from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
@@ -613,7 +614,8 @@ class Team:
         if (server, goal.id) in self._begun:
             self.problems.append(f"the server executes goal {number} of {robot.name} twice")
         excused = any(since <= time <= now and why in ("cancel", "server") for time, why in robot.excuses)
-        if since >= 0 and robot.durable and not (robot.spoilt or excused):
+        started = self.plan.mission is not None and is_started(self.plan.mission, robot.name)
+        if since >= 0 and robot.durable and not (robot.spoilt or excused or started):
             self.problems.append(f"{robot.name} has sent its goal {number} again, which its server has")
         self._sent[server, robot.name, number], self._begun[server, goal.id] = goal.id, now
 
@@ -813,12 +815,27 @@ class Team:
                 scheduler=sender.process,
                 middleware=sender.wire,
                 ended=lambda _: self._later(0.0, partial(self._ended, sender)),
-                options=DeploymentOptions(migrate=sender.migrates, wall_time=wall_time, key=sender.key),
+                options=DeploymentOptions(
+                    migrate=sender.migrates, wall_time=wall_time, key=sender.key, plan=self._migration_plan(sender)
+                ),
             )
         except FameError as error:
             self._leave(sender, f"not sent: {error}")
             return
         sender.deployment.begin()
+
+    def _migration_plan(self, sender: Sender) -> dict[str, Any]:
+        """What a person plans for some of the tokens that there are: they begin again, end, or go elsewhere."""
+        chance, elements = random.Random(f"{self.plan.seed} plan {sender.process.name}"), dict[str, Any]()
+        if self.plan.mission is None or not sender.migrates or chance.random() < 0.5:
+            return {}
+        for robot in self.robots.values():
+            node = robot.engine.running if robot.engine is not None else None
+            there = sorted({id for one in node.instances for id in one.waiting}) if node is not None else []
+            for element in chance.sample(there, min(len(there), chance.randint(0, 2))):
+                robot.witness.changed, others = True, sorted(filter(None, node.engine.program.elements))
+                elements[element] = chance.choice(("restart", "abandon", {"to": chance.choice(others)}))
+        return {"elements": elements, "variables": {}}
 
     def _ended(self, sender: Sender) -> None:
         if sender.deployment is not None and sender.alive:
