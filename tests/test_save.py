@@ -155,6 +155,45 @@ def test_the_encoding_stays_and_what_it_lacks_is_written_as_a_reference(encoding
     assert text == old.decode(encoding).replace("Größe", f"Größe {euro}").encode(encoding)
 
 
+def opened_and_edited(open_: Callable[[etree._Element], object], edit: Callable[[etree._Element], object]) -> str:
+    """The file after an edit in an editor that changes what it opens."""
+    base, new = editor(OLD.encode()), editor(OLD.encode())
+    for root in (base, new):
+        open_(root)
+    edit(new)
+    return save(OLD, as_text(base), as_text(new))
+
+
+def by(dx: float, *, of: str = "") -> Callable[[etree._Element], None]:
+    """Move all that is drawn, or the shape of an element."""
+
+    def move(root: etree._Element) -> None:
+        for one in root.iter(f"{{{DC}}}Bounds", "{http://www.omg.org/spec/DD/20100524/DI}waypoint"):
+            if not of or one.getparent().get("bpmnElement") == of:
+                one.set("x", f"{float(one.get('x', '')) + dx:g}")
+
+    return move
+
+
+def test_a_diagram_that_the_editor_moves_as_it_opens_a_file_stays_where_the_file_has_it() -> None:
+    assert opened_and_edited(by(80), by(7, of="t")) == OLD.replace('x="90" y="0"', 'x="97" y="0"')
+
+
+def put_apart(root: etree._Element) -> None:
+    """Put the shape of the task into a diagram of its own."""
+    (shape,) = root.iterfind(f".//{DIAGRAM}BPMNShape[@bpmnElement='t']")
+    diagram = etree.SubElement(root, f"{DIAGRAM}BPMNDiagram", id="own")
+    etree.SubElement(diagram, f"{DIAGRAM}BPMNPlane", id="own_plane", bpmnElement="t").append(shape)
+
+
+def test_a_diagram_that_the_editor_adds_is_not_written_unless_it_is_changed() -> None:
+    rename = lambda root: root.find(f".//{B}scriptTask").set("name", "Number")  # noqa: E731
+    assert opened_and_edited(put_apart, rename) == OLD.replace('name="Count"', 'name="Number"')
+    changed = opened_and_edited(put_apart, by(7, of="t"))
+    assert changed.count('bpmnElement="t"') == 2  # the plane, and the shape on it alone
+    assert changed.index('id="own_plane"') < changed.index('x="97"')
+
+
 def test_what_is_no_xml_is_refused() -> None:
     with pytest.raises(ModelError, match=r"m\.bpmn:1: not well-formed XML"):
         save(OLD, OLD, "<a", file="m.bpmn")

@@ -7,6 +7,9 @@ applied to the elements of `old` that correspond to those of `base`. Elements co
 the element that they show), else by equal content, else by their order among those of the same tag. An element that
 went into another one takes its text along. The order of elements with ids stays that of the old file.
 
+An editor that moves a diagram, or adds one, as it opens a file has not been asked to: diagrams stay where the file has
+them, and are added when something in them is changed.
+
 Invariant, tried by tests: the editor writes of the result what it wrote as `new`.
 """
 
@@ -14,11 +17,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from difflib import SequenceMatcher
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from fame.bpmn.reader.xml import parse
+from fame.bpmn.reader.xml import BPMNDI, DC, parse
 from fame.dataclasses import dataclass, field
 from fame.errors import ModelError
 
@@ -157,8 +161,52 @@ def _pairs(some: Sequence[_Tag], others: Sequence[_Tag]) -> dict[_Tag, _Tag]:
 
 def save(old: str, base: str, new: str, *, file: str = "") -> str:
     """Return the old text with what differs between two texts that an editor wrote of it. Raises ModelError."""
-    writing = _Writing(old, *(_read(text, file) for text in (old, base, new)))
-    return writing.text()
+    texts = _in_frame(_read(old, file), _read(base, file), _read(new, file), base, new)
+    return _Writing(old, _read(old, file), *(_read(text, file) for text in texts)).text()
+
+
+def _in_frame(old: _Tag, before: _Tag, now: _Tag, base: str, new: str) -> tuple[str, str]:
+    """Both texts of the editor with each diagram where the old text has it: bpmn-js moves some as it opens a file."""
+    moves = dict[tuple[Any, ...] | None, tuple[float, float]]()
+    places, theirs = _shapes(old), _shapes(before)
+    for plane, shapes in theirs.items():
+        apart = {
+            (round(places[plane][key][0] - x, 3), round(places[plane][key][1] - y, 3))
+            for key, (x, y) in shapes.items()
+            if key in places.get(plane, {})
+        }
+        if len(apart) == 1 and apart != {(0.0, 0.0)}:
+            moves[plane] = apart.pop()
+    return (_moved(before, base, moves), _moved(now, new, moves)) if moves else (base, new)
+
+
+def _shapes(root: _Tag) -> dict[tuple[Any, ...] | None, dict[tuple[Any, ...] | None, tuple[float, float]]]:
+    """Where each shape of each diagram begins."""
+    found: dict[tuple[Any, ...] | None, dict[tuple[Any, ...] | None, tuple[float, float]]] = {}
+    for plane in (one for one in root.walk() if one.name == (BPMNDI, "BPMNPlane")):
+        bounds = [(shape.key, one) for shape in plane.children for one in shape.children if one.name == (DC, "Bounds")]
+        found[plane.key] = {key: place for key, one in bounds if (place := _place(one)) is not None}
+    return found
+
+
+def _place(tag: _Tag) -> tuple[float, float] | None:
+    x, y = (tag.attributes.get(("", name)) for name in "xy")
+    with suppress(ValueError):
+        return (float(x.value), float(y.value)) if x is not None and y is not None else None
+    return None
+
+
+def _moved(root: _Tag, text: str, moves: Mapping[tuple[Any, ...] | None, tuple[float, float]]) -> str:
+    """A text with all points of some diagrams moved."""
+    changes = list[tuple[int, int, str]]()
+    for plane in (one for one in root.walk() if one.name == (BPMNDI, "BPMNPlane") and one.key in moves):
+        for tag in (one for one in plane.walk() if _place(one) is not None):
+            for name, by in zip("xy", moves[plane.key], strict=True):
+                value, start, end = tag.attributes[("", name)]
+                changes.append((start, end, f' {name}="{round(float(value) + by, 6):.12g}"'))
+    for start, end, written in sorted(changes, reverse=True):
+        text = text[:start] + written + text[end:]
+    return text
 
 
 def save_bytes(old: bytes, base: str, new: str, *, file: str = "") -> bytes:
@@ -189,7 +237,18 @@ class _Writing:
         self._places = [{one.key: one for one in root.walk() if one.key is not None} for root in (old, base)]
         every = (item for one in new.walk() for item in one.prefixes.items())
         self._prefixes = {uri: prefix for prefix, uri in every if prefix}
+        self._relocated = {
+            one.key
+            for diagram in new.children
+            if diagram.name == (BPMNDI, "BPMNDiagram") and diagram.key not in self._places[0]
+            for one in (diagram.walk() if self._differs(diagram) else ())
+        }
         self._missing: dict[str, str] = {}  # namespace -> prefix to declare
+
+    def _differs(self, new: _Tag) -> bool:
+        """Whether an element is not as the editor has it of the unchanged file."""
+        base = self._places[1].get(new.key) if new.key is not None else None
+        return base is None or base.content != new.content
 
     def text(self) -> str:
         """Return the whole text."""
@@ -203,7 +262,8 @@ class _Writing:
 
     def _merged(self, old: _Tag, base: _Tag, new: _Tag) -> str:
         """The text of an old element with what differs between the other two."""
-        if base.content == new.content:
+        left = self._relocated and any(one.key in self._relocated for one in old.walk() if one is not old)
+        if base.content == new.content and not left:
             return self._source[old.start : old.end]
         opening, body = self._opening(old, base, new), self._body(old, base, new)
         if old.inside == old.end:  # <a/>
@@ -270,20 +330,27 @@ class _Writing:
             gap, end = source[end : child.start], child.end
             before = to_base.get(child)
             now = to_new.get(before) if before is not None else None
-            if before is None or now is not None:
+            if (before is None and (child.key is None or child.key not in self._relocated)) or now is not None:
                 text = self._merged(child, before, now) if before is not None and now is not None else ""
                 pieces.append([gap, text or source[child.start : child.end]])
                 written |= {now: pieces[-1]} if now is not None else {}
             elif gap.strip():  # a comment stays
                 pieces.append([gap.rstrip(), ""])
         tail = source[end : old.close]
-        self._insert(old, new, pieces, written)
+        self._insert(old, new, pieces, written, {now: before for before, now in to_new.items()})
         if pieces and not tail and "\n" in pieces[0][0] and not old.children:
             tail = self._newline + self._indent(old)
         return "".join(gap + text for gap, text in pieces) + tail
 
-    def _insert(self, old: _Tag, new: _Tag, pieces: list[list[str]], written: dict[_Tag, list[str]]) -> None:
-        """Add the new children of an element, each behind the one before it."""
+    def _insert(
+        self,
+        old: _Tag,
+        new: _Tag,
+        pieces: list[list[str]],
+        written: dict[_Tag, list[str]],
+        known: Mapping[_Tag, _Tag],
+    ) -> None:
+        """Add the new children of an element, each behind the one before it. `known`: those of the base."""
         if old.children:
             first = self._source[old.inside : old.children[0].start]
             space = first[len(first.rstrip()) :]
@@ -292,6 +359,8 @@ class _Writing:
             space = self._newline + self._indent(old) + self._unit if "\n" in own else ""
         place = 0
         for child in new.children:
+            if child not in written and child in known and known[child].content == child.content:
+                continue  # the editor adds it by itself
             if child in written:
                 place = next(number for number, one in enumerate(pieces) if one is written[child]) + 1
             else:
