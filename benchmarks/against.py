@@ -31,7 +31,7 @@ CAMUNDA = "camunda-python==0.1.2"
 STACK = 900_000
 """kB of stack for an engine that recurses: with the usual one it ends after some hundred elements."""
 
-MOST_OTHERS = 5
+MOST_OTHERS = 20
 """How many times the processor time of a turn it may take by the clock, where others use the machine."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -123,6 +124,14 @@ def test_a_check_that_fails_is_an_error_and_no_silence(
         MODEL.replace('<serviceTask id="Open" name="Open Door" camunda:topic="open"/>', '<task id="Open"/>')
     )
     assert main(["run", str(model), "--quiet"]) == 0  # which asks no such check
+
+
+def test_a_package_in_an_archive_is_found(orchard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loose = registered("fame.checks")
+    archive = shutil.make_archive(str(orchard.parent / "orchard"), "zip", orchard)
+    monkeypatch.setattr(sys, "path", [archive if path == str(orchard) else path for path in sys.path])
+    registered.cache_clear()
+    assert registered("fame.checks") == loose != {}
 
 
 def test_two_packages_with_one_name_are_an_error(orchard: Path, capsys: pytest.CaptureFixture[str]) -> None:

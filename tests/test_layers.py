@@ -295,7 +295,7 @@ LOADED = {"--help": HELP, "check": CHECK, "run": {*CHECK, "randomness", "scenari
 """The packages and modules of FAME that a command may load for a process of one task."""
 ELSEWHERE = {"lxml", "cython_runtime"}
 LATE = {
-    *("ctypes", "hashlib", "html", "importlib.metadata", "subprocess", "uuid"),
+    *("ctypes", "hashlib", "html", "importlib.metadata", "importlib.resources", "subprocess", "uuid"),
     *("fame.properties.judge", "fame.robot.acknowledged", "fame.scripting.feel", "fame.scripting.javascript"),
 }
 """What a process of one task needs none of, and what takes longer to load than the task."""
@@ -320,4 +320,4 @@ def test_a_command_loads_what_its_process_needs(command: str, tmp_path: Path) ->
     assert parts <= LOADED[command]
     assert {name for name in others if not name.startswith("_")} <= ELSEWHERE
     assert command != "--help" or not loaded & NO_HELP
-    assert loaded & LATE == ({"importlib.metadata"} if command == "check" else set())  # of checks of other packages
+    assert not loaded & LATE

@@ -16,7 +16,6 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from importlib.resources import files
 from os.path import isdir
 from pathlib import Path
 
@@ -29,7 +28,7 @@ Find = Callable[[Definitions, CallActivity], tuple[Definitions, Process] | None]
 
 def _models() -> Path:
     """Return the folder ``models``: inside the package where that is installed, beside it in a source tree."""
-    package = Path(str(files("fame"))).resolve()
+    package = Path(__file__).resolve().parent.parent
     return next(path for path in (package / "models", package.parent / "models") if path.is_dir())
 
 
