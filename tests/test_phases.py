@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.middleware.typesystem import STRING
 from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.judge import judge_trained
+from fame.monitor.model_card import card_of
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.configuration import load
 from fame.monitor.pipeline.elements import ElementFollower, active
@@ -260,3 +262,83 @@ def test_a_missing_element_in_parquet_is_not_known(tmp_path: Path):
     frame = pytest.importorskip("pandas").DataFrame({"stamp": [0.0, 1.0], "v": [1.0, 2.0], "element": ["work", None]})
     frame.to_parquet(tmp_path / "run.parquet")
     assert read_parquet(tmp_path / "run.parquet", element="element").elements == ("work", "")
+
+
+def lively(seed: int, late: float = 0.0, of: Sequence[int] = (0, 1)) -> Samples:
+    """A run that moves from its begin on; what channels `of` it do is `late` (s)."""
+    random = np.random.default_rng(seed)
+    stamps = np.arange(round(6.0 * RATE)) / RATE
+    at = stamps[:, None] - late * np.isin([0, 1], of)
+    wave = np.where(at > 0, np.sin(2 * np.pi * np.maximum(at, 0) / np.array([3.0, 2.0])), 0.0)
+    pulses = np.exp(-(((at - [2.0, 4.0]) / 0.3) ** 2))
+    return Samples(
+        wave * np.exp(-at.clip(0)) + pulses + 0.02 * random.standard_t(3, at.shape), stamps, ("left", "right")
+    )
+
+
+@cache
+def lively_model() -> TrainedModel:
+    return fit([lively(seed) for seed in range(RUNS)], replace(CONFIG, margin=1.5))
+
+
+def lively_stream(count: int, missing: int = 0, pause: float = 0.5) -> Samples:
+    """Cycles of `lively`, in one of which, counted from 1, the second channel's pulse at 4 s is missing."""
+    parts = []
+    for number in range(1, count + 1):
+        cycle = lively(400 + number)
+        if number == missing:
+            cycle.values[:, 1] -= np.exp(-(((cycle.stamps - 4.0) / 0.3) ** 2))
+        rest = 0.02 * np.random.default_rng(number).standard_t(3, (round(pause * RATE), 2))
+        parts.append(np.concatenate([cycle.values, rest]))
+    values = np.concatenate(parts)
+    return Samples(values, np.arange(len(values)) / RATE, ("left", "right"))
+
+
+@pytest.mark.parametrize("missing", [1, 4, 20])
+def test_a_missing_step_is_found_in_every_cycle_of_a_machine_that_never_stops(missing: int):
+    length = 6.5
+    (judged,) = judge_trained(lively_model(), [labelled(lively_stream(20, missing))], "m").runs
+    assert [int(event.start // length) + 1 for event in judged.events] == [missing]
+    assert judged.events[0].start % length == pytest.approx(4.0, abs=0.8)
+
+
+def test_live_a_cycle_is_found_in_however_many_calls():
+    given = lively_stream(4, 3)
+    for frequency in (0.0, 7.0, 50.0):
+        found = processors.run([Autoencoder(lively_model(), stride=5)], {"x": given}, frequency)["loss"]
+        above = found.stamps[(found.values > lively_model().thresholds).any(axis=1)]
+        assert {int(stamp // 6.5) for stamp in above} == {2}
+        assert (np.diff(found.stamps) > 0).all()
+
+
+def test_what_lies_outside_of_every_run_is_not_judged():
+    given = lively_stream(2, pause=6.0)
+    (judged,) = judge_trained(lively_model(), [labelled(given)], "m").runs
+    assert (judged.events, judged.verdict) == ((), "not judged")
+    assert judged.share == pytest.approx(0.5, abs=0.05)
+    assert "outside of every run, or longer than any run of the training: not judged" in judged.notes
+
+
+@pytest.mark.parametrize("late", [-0.2, -0.1, 0.05, 0.1, 0.2])
+def test_a_whole_run_may_be_late(late: float):
+    assert (losses(lively_model(), lively(300, late), 5).values / lively_model().thresholds).max() < 1
+    strict = fit([lively(seed) for seed in range(RUNS)], replace(CONFIG, start_within=0.0, margin=1.5))
+    assert (losses(strict, lively(300, late), 5).values / strict.thresholds).max() > 1
+
+
+def test_one_channel_that_is_late_against_the_others_is_a_fault():
+    late = losses(lively_model(), lively(301, 0.2, of=(1,)), 5).values / lively_model().thresholds
+    assert late.max() > 1
+
+
+def test_the_card_says_how_the_begin_of_a_run_is_found():
+    (text,) = card_of(lively_model())["Begin of a run"]
+    assert re.fullmatch(
+        r"a run begins where the data are like the first [\d.]+ s .*: up to [\d.]+; all else .* more", text
+    )
+    turning = []
+    for seed in range(RUNS):
+        stamps, noise = run(seed).stamps, np.random.default_rng(seed).standard_normal((len(run(seed)), 2))
+        turning.append(Samples(np.sin(np.pi * stamps)[:, None] + 0.1 * noise, stamps, ("left", "right")))
+    (text,) = card_of(fit(turning, CONFIG))["Begin of a run"]
+    assert text == "a run cannot be told by its begin: other parts of the training runs are like it"

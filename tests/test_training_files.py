@@ -61,7 +61,7 @@ def test_cycles_of_a_table_train_and_judge_with_scores_for_each_time(
 ):
     assert train(tmp_path, german(tmp_path / "runs.csv")) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["detector"], told["columns"]) == ("any of phase, knn, mahalanobis", ["left", "right"])
+    assert (told["detector"], told["columns"]) == ("any of phase, knn", ["left", "right"])
     judged = german(tmp_path / "new.csv", bad=3)
     scores = tmp_path / "scores.csv"
     command = ["monitor", "judge", str(tmp_path / "model.skops"), str(judged), "--scores", str(scores), "--json"]

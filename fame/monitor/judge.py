@@ -372,6 +372,8 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     chain: list[Any] = [LowPass(cutoff=model.before)] if model.before else []
     scorer = Autoencoder(model, stride=stride)
     scorer.elements = run.samples.elements
+    least, most = model.conditions.get("seconds", (0.0, np.inf))
+    scorer.cycles = _seconds(run.samples.stamps) > 2 * most - least  # a machine that never stops
     chain += [scorer, *([LowPass(cutoff=model.cutoff)] if model.cutoff else [])]
     threshold = Threshold(threshold=model.thresholds, names=model.columns)
     for processor in (*chain, threshold):

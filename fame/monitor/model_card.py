@@ -88,6 +88,7 @@ def _of_windows(model: TrainedModel) -> Card:
             f"An anomaly shorter than a window ({window}) is averaged over it.",
         ],
         **({"Order of elements": [conditions["order_text"]]} if conditions.get("order_text") else {}),
+        **({"Begin of a run": [conditions["begins_text"]]} if conditions.get("begins_text") else {}),
         "Settings": dict(conditions.get("settings", {})),
         "Versions": dict(model.versions),
     }  # fmt: skip

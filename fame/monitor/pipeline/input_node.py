@@ -32,7 +32,7 @@ from fame.robot.robot_state import EVENTS_TOPIC
 
 
 class ThrottledReport:
-    """Reports each kind of event once, and again when it has happened 10, 100, 1000, 2000 ... times."""
+    """Reports each kind of event once, and again when it has happened 10, 100, 1000 ... times."""
 
     def __init__(self, report: Callable[[str], object]) -> None:
         """`report` gets a line of text; `always` is the same function, for what must not be throttled."""
@@ -42,7 +42,7 @@ class ThrottledReport:
     def __call__(self, key: str, text: str) -> None:
         """Report an event; events with the same `key` are of the same kind."""
         count = self.counts[key] = self.counts.get(key, 0) + 1
-        if count in (1, 10, 100) or count % 1000 == 0:
+        if str(count).rstrip("0") == "1":
             self.always(text if count == 1 else f"{text} ({count} times)")
 
     def over(self, key: str, text: str) -> None:

@@ -34,6 +34,8 @@ POINTS = 10
 LARGEST = 3000
 """Values of a window (samples x channels) whose covariance is computed, at most: a matrix of 72 MB, which takes about
 half a core at 100 windows per s."""
+_FAR = 4.0
+"""Mean square of the deviations beyond which a channel is as unlike as can be: one alone decides nothing."""
 _TINY = 1e-12
 _SMOOTH = 5
 """Phases over which variances are averaged."""
@@ -91,14 +93,39 @@ class Phases:
         known = (found >= 0) & (found < len(rows))  # False for NaN
         return np.where(known, rows[np.where(known, found, 0).astype(np.int64)], -1)
 
+    def deviations(self, values: Floats, times: Floats) -> Floats:
+        """Return the deviations (n, points, channels) of reduced windows from the phases at `times`, which are known:
+        between two phases, from the mean of both, weighted by their distances."""
+        place = np.floor((times - self.begin) / self.step + 1e-6)
+        share = np.clip((times - self.begin) / self.step - place, 0, 1)[:, None, None]
+        near = self.phase(times)
+        low, high = (self.phase(self.begin + each * self.step) for each in (place, place + 1))
+        low, high = np.where(low < 0, near, low), np.where(high < 0, near, high)
+        usual = self.location[low] * (1 - share) + self.location[high] * share
+        return np.asarray((values - usual) / self.scale[near])
+
+    def unlike(self, windows: Floats, times: Floats) -> Floats:
+        """Return how unlike scaled windows (n, window, channels) are to the phases at `times` (n, m): the mean square
+        of the deviations of a channel, at most `_FAR`, on average; NaN where no phase is known."""
+        values, found = reduced(windows), np.full(times.shape, np.nan)
+        block = max(1, LARGEST**2 // (times.shape[1] * values[0].size)) if len(values) else 1
+        for first in range(0, len(values), block):
+            part = times[first : first + block]
+            known = self.phase(part) >= 0
+            rows = np.nonzero(known)[0] + first
+            deviations = np.arcsinh(self.deviations(values[rows], part[known]))
+            squares = np.einsum("npc,npc->nc", deviations, deviations) / deviations.shape[1]
+            found[first : first + block][known] = np.minimum(squares, _FAR).mean(axis=1)
+        return found
+
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         """Return the loss (n, channels) of scaled windows (n, window, channels) that end at `times`, s since the start;
         without them, or where they are NaN, no phase is known."""
         values = reduced(windows)
-        rows = self.phase(np.full(len(values), np.nan) if times is None else times)
-        known, found = rows >= 0, np.empty((len(values), values.shape[2]))
+        times = np.full(len(values), np.nan) if times is None else times
+        known, found = self.phase(times) >= 0, np.empty((len(values), values.shape[2]))
         if known.any():
-            deviations = (values[known] - self.location[rows[known]]) / self.scale[rows[known]]
+            deviations = self.deviations(values[known], times[known])
             shape, shift = _whitened(deviations, self.root), _shift(deviations)
             found[known] = np.maximum(shape / self.usual[0], shift / self.usual[1])
         if not known.all():

@@ -36,6 +36,7 @@ from fame.monitor.data_files import (
 )
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
+from fame.monitor.pipeline.cycles import WITHIN, found_of, phases_of
 from fame.monitor.pipeline.detectors import (
     ACTIVATIONS,
     RULES,
@@ -89,6 +90,7 @@ class Training:
     stride        samples from one window to the next, of those that train and of those that are scored
     before        Hz, low-pass on the data; 0: none
     cutoff        Hz, low-pass on the loss; 0: none
+    start_within  s, how late or early a whole run may be under `phase`
     false_alarms  rate that is asked for: ``0.01 per run`` or ``0.5 per hour``
     margin        factor on the thresholds; default 1 with a promise, 1.5 without
     folds         of the runs, for the scores that set the thresholds
@@ -118,6 +120,7 @@ class Training:
     stride: int = 5
     before: float = 0.0
     cutoff: float = 0.0
+    start_within: float = WITHIN
     false_alarms: str = "0.01 per run"
     margin: float | None = None
     folds: int = 5
@@ -142,6 +145,8 @@ ReportProgress = Callable[[str], object]
 Complete = Callable[[Sequence[LabelledRun], Sequence[str]], Sequence[LabelledRun]]
 PARTS = 0.05
 """False alarms per run of the thresholds in whose units several detectors count."""
+FINE = 0.05
+"""Longest time between two phases, s; where rows are farther apart, as they are."""
 REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
@@ -224,6 +229,7 @@ def fit(
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
         LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied,
         RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)],
+        **_begins_of(model, filtered, config),
         **order_of([runs[index] for index in whole], asked),
         **(tried.found(calibration.thresholds) if tried is not None else {}),
     }  # fmt: skip
@@ -290,6 +296,8 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     config = weighed(runs, config, rate)
     mean, scale = every.mean(axis=0), every.std(axis=0)
     scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
+    if Phases.kind in config.detector:  # runs begin late by less than a stride
+        config = replace(config, stride=min(config.stride, max(1, int(FINE * rate))))
     axis = axis_of(runs, config.stride / rate) if Phases.kind in config.detector else {}
     windows, times = _windows(runs, config, rate, axis)
     windows = (windows - mean) / scale
@@ -297,8 +305,9 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     columns = runs[0].names or tuple(str(index) for index in range(windows.shape[2]))
     nothing = tuple(1.0 for _ in columns)
     return TrainedModel(
-        columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before, elements=axis
-    )
+        columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before, elements=axis,
+        conditions={"settings": {"start_within": config.start_within}},
+    )  # fmt: skip
 
 
 def weighed(runs: Sequence[Samples], config: Training, rate: float) -> Training:
@@ -367,6 +376,15 @@ def _least_movement(runs: Sequence[Samples], config: Training, model: TrainedMod
     return [float(each) for each in np.where(least > 1e-9 * (1 + np.abs(model.mean)), least, 0.0)]
 
 
+def _begins_of(model: TrainedModel, runs: Sequence[Samples], config: Training) -> dict[str, Any]:
+    """Return as conditions of a model how the begin of a run is found, if only the time since it tells its phase."""
+    if model.elements:
+        return {}
+    cut = (Windower().feed(run.replace(run.channels()), model.window, config.stride, model.rate) for run in runs)
+    scaled = [(part.values - model.mean) / model.scale for part in cut if len(part)]
+    return found_of(phases_of(model.detector), scaled, config.stride / model.rate)
+
+
 def _moves(runs: Sequence[Samples]) -> Any:
     every = np.concatenate([run.channels() for run in runs])
     return np.ptp(every, axis=0) > 0
@@ -380,7 +398,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
     """Return the smoothed loss of a run whose data have gone through the low-pass before: values (k, channels)."""
     chain: list[Any] = [Autoencoder(model, stride=stride)]
-    chain[0].elements = run.elements
+    chain[0].elements, chain[0].cycles = run.elements, False
     if model.cutoff:
         chain.append(LowPass(cutoff=model.cutoff))
     given = {"x": run.replace(run.channels(), names=model.columns)}
@@ -469,6 +487,7 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "stride": partial(ConfigValue.integer, minimum=1),
     "before": partial(ConfigValue.number, minimum=0),
     "cutoff": partial(ConfigValue.number, minimum=0),
+    "start_within": partial(ConfigValue.number, minimum=0),
     "held_back": partial(ConfigValue.number, above=0, maximum=math.nextafter(1, 0)),
     "samples": partial(ConfigValue.integer, minimum=10),
     "epochs": partial(ConfigValue.integer, minimum=1),
