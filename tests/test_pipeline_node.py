@@ -13,6 +13,7 @@ from fame.errors import ConfigError, MessageError, MissionError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import load
+from fame.monitor.pipeline.input_node import ThrottledReport
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.parameters import ParameterClient
 from fame.monitor.pipeline.processor import Parameter, Samples
@@ -477,3 +478,11 @@ def test_a_parameter_that_no_message_could_tell_is_refused_before_anything_runs(
     for sections in ({"Frequency": 1e-300}, {"Processor": {"Class": "Window", "Parameters": {"stride": 10**30}}}):
         with pytest.raises(ConfigError, match="expected"):
             bench.node(**sections)
+
+
+def test_what_happens_by_the_thousand_is_counted_and_said_a_few_times() -> None:
+    said: list[str] = []
+    report = ThrottledReport(said.append)
+    for _ in range(35_000):
+        report("late /joint_states", "late")
+    assert said == ["late", *(f"late ({number} times)" for number in (10, 100, 1000, 10000))]
