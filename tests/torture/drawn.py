@@ -387,11 +387,12 @@ def walk(steps: Sequence[Step], without: str = "") -> Iterator[Step]:
 
 
 def durations_of(mission: Mission) -> dict[str, float]:
-    """How long timers wait that are the same in all versions, by id (s)."""
+    """How long timers wait that are the same in all versions, by id (s): none that a handler may suspend."""
+    suspends = any(step[0] == "resume" for steps in mission["robots"].values() for step in walk(steps))
     edited = {edit[0] for edits in mission["edits"].values() for edit in edits}
     return {
         f"{name}_timer_{step[1]}_1": float(step[2][2:-1])
-        for name, steps in {**mission["calls"], **mission["robots"]}.items()
+        for name, steps in {**({} if suspends else mission["calls"]), **mission["robots"]}.items()
         for step in walk(steps, "resume")
         if step[0] == "timer" and step[1] not in edited and mission["calm"]
     }
