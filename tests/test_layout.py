@@ -274,6 +274,18 @@ def test_pools_with_messages_are_neighbours_and_labels_make_room_for_them() -> N
     assert labels[lower].y > at[lower][1]
 
 
+def test_a_note_about_a_flow_is_linked_to_the_flow() -> None:
+    note = '<textAnnotation id="n"><text>slow</text></textAnnotation>'
+    link = '<association id="l" sourceRef="n" targetRef="s_t"/>'
+    model = lay_out(read_text(process('<startEvent id="s"/><task id="t"/>' + flow("s", "t") + note + link)))
+    assert defects(model) == []
+    edges = {edge.element: edge.waypoints for edge in model.edges}
+    (start, y), (end, _) = edges["s_t"]
+    x, height = edges["l"][-1]
+    assert start < x < end
+    assert height == y
+
+
 def test_nodes_are_in_their_lanes_at_any_depth() -> None:
     lanes = (
         '<laneSet id="L"><lane id="l1"><flowNodeRef>a</flowNodeRef></lane><lane id="l2"><childLaneSet id="M">'

@@ -21,12 +21,11 @@ from fame.dataclasses import replace
 from fame.errors import ModelError
 from fame.layout.arrange import arrange
 from fame.layout.completion import complete
-from fame.layout.connect import connect
+from fame.layout.connect import box_of, connect
 from fame.layout.content import (
     BODIES,
     DiagramContent,
     LayoutBox,
-    LayoutLink,
     read_content,
 )
 from fame.layout.writing import put_into_file
@@ -115,10 +114,7 @@ def _edges(content: DiagramContent) -> list[Edge]:
             planes[box] = number
     found = []
     for link in content.links:
-        source: LayoutBox | LayoutLink = link.source
-        while isinstance(source, LayoutLink):
-            source = source.source
-        found.append(
-            Edge(link.id, tuple(link.waypoints), link.label, link.kind, planes[source], directed=link.directed)
-        )
+        if link.waypoints:
+            at, points = planes[box_of(link.source)], tuple(link.waypoints)
+            found.append(Edge(link.id, points, link.label, link.kind, at, directed=link.directed))
     return found

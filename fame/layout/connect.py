@@ -37,25 +37,32 @@ def connect(content: DiagramContent) -> None:
     for plane in content.planes:
         boxes = [box for frame in plane.frames for box in (frame, *frame.inner())] + plane.loose
         members = set(boxes)
-        links = [link for link in content.links if _box(link.source) in members]
+        links = [link for link in content.links if box_of(link.source) in members]
         for link in links:
             if _belongs(link):
                 link.waypoints = link.waypoints or _upright(link)
         for frame in boxes:
             if frame.expanded:
-                own = [link for link in links if _box(link.source).parent is frame is _box(link.target).parent]
+                own = [link for link in links if box_of(link.source).parent is frame is box_of(link.target).parent]
+                own = [link for link in own if _between_boxes(link)]
                 _route(own, frame.children, room_of(frame), links, [frame])
         if boxes:
             frames = [box for box in boxes if box.expanded]
-            _route([link for link in links if not link.waypoints], boxes, _whole(boxes), links, frames)
+            for to_flows in (False, True):  # an end can be a flow, which has its way by then
+                waiting = [link for link in links if to_flows or _between_boxes(link)]
+                _route(waiting, boxes, _whole(boxes), links, frames)
         _place_labels(links, boxes)
 
 
-def _box(end: LayoutBox | LayoutLink) -> LayoutBox:
-    """The box of an end; of a flow that from which it comes."""
+def box_of(end: LayoutBox | LayoutLink) -> LayoutBox:
+    """Return the box of an end; of a flow that from which it comes."""
     while isinstance(end, LayoutLink):
         end = end.source
     return end
+
+
+def _between_boxes(link: LayoutLink) -> bool:
+    return isinstance(link.source, LayoutBox) and isinstance(link.target, LayoutBox)
 
 
 def _belongs(link: LayoutLink) -> bool:
@@ -134,8 +141,10 @@ def _route(
             grid.add(link.waypoints, _ends(link))
     for link in sorted(waiting, key=_urgency):
         sources, targets = gates[link]
-        around = {box for end in (link.source, link.target) for box in _box(end).around()}
-        inside = set() if _box(link.source).parent is _box(link.target).parent else around
+        if not sources or not targets:  # a flow that is not drawn
+            continue
+        around = {box for end in (link.source, link.target) for box in box_of(end).around()}
+        inside = set() if box_of(link.source).parent is box_of(link.target).parent else around
         points = grid.route(sources, targets, _ends(link), inside)
         link.waypoints = points or straightened([sources[0].point, targets[0].point])
         grid.add(link.waypoints, _ends(link))
@@ -147,7 +156,7 @@ def _ends(link: LayoutLink) -> Ends:
 
 def _urgency(link: LayoutLink) -> tuple[bool, bool, float]:
     """Sequence flows come first, those that point back last of them, short ones before long ones."""
-    a, b = _box(link.source), _box(link.target)
+    a, b = box_of(link.source), box_of(link.target)
     return link.kind != "sequenceFlow", b.x < a.x, abs(a.x - b.x) + 3 * abs(a.y - b.y)
 
 
@@ -171,7 +180,7 @@ def _dockings(link: LayoutLink, end: LayoutBox | LayoutLink) -> Iterator[Docking
             middle = round((x + to_x) / 2, 2), round((y + to_y) / 2, 2)
             yield from (Docking(middle, direction) for direction in ((1, 3) if y == to_y else (0, 2)))
     elif end.kind == "participant":
-        other = _box(link.target if end is link.source else link.source)
+        other = box_of(link.target if end is link.source else link.source)
         box = end.bounds
         x = min(max(other.x, box.x + 50), box.x + box.width - 20) if other.kind != "participant" else end.x
         yield from dockings(Bounds(x, box.y, 0.0, box.height), (_NEVER, 0, _NEVER, 0))
