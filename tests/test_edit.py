@@ -198,6 +198,17 @@ def test_a_model_that_is_not_there_is_begun_and_written_when_it_is_saved(tmp_pat
     assert main(["check", str(path)]) == 0
 
 
+def test_a_model_without_a_diagram_is_laid_out_and_gets_it_with_the_first_change(model: Path, tmp_path: Path) -> None:
+    model.write_text(process(FLOWS + TASK))
+    with ModelEdit(model, tmp_path) as source:
+        shown = source.mission()
+        command = {"do": "save", "base": shown["text"], "hash": shown["hash"]}
+        source.control({**command, "new": shown["text"]})
+        assert model.read_text() == process(FLOWS + TASK)
+        source.control({**command, "new": shown["text"].replace("Count", "Number")})
+    assert len(read_text(model.read_text(), file="m").shapes) == 2
+
+
 def test_a_scenario_is_edited_by_its_model() -> None:
     with ModelEdit(ROOT / "examples" / "agriculture.yaml", ROOT) as source:
         assert source.model.resolve() == ROOT / "models" / "agriculture.bpmn"

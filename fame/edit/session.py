@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from hashlib import sha256
 from importlib.resources import files
@@ -25,6 +26,7 @@ from fame.config.loader import read_document
 from fame.edit.changes import compare, lines
 from fame.edit.writer import decoded, save_bytes
 from fame.errors import ConfigError, FameError, ModelError
+from fame.rooms import ADD_DIAGRAM, load
 from fame.text import unreadable, write_file
 from fame.view.watch import ModelWatch, Stamp, stamps_of
 
@@ -88,6 +90,13 @@ class ModelEdit(ModelWatch):
     def _stamped(self) -> dict[Path, Stamp]:
         return {**super()._stamped(), **stamps_of([self.model])}
 
+    def _shown(self, content: bytes) -> bytes:
+        """What is drawn: the file, with a diagram if it has none."""
+        model = read_bytes(content, file=str(self.model))
+        with suppress(FameError):  # without the room, or with nothing to draw: the page says that it has no diagram
+            return content if model.shapes else bytes(load(ADD_DIAGRAM)(model))
+        return content
+
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def file(self, path: str) -> bytes | None:
@@ -104,7 +113,7 @@ class ModelEdit(ModelWatch):
         return {
             "kind": "edit",
             "title": self.model.name,
-            "text": decoded(content, str(self.model))[0],
+            "text": decoded(self._shown(content), str(self.model))[0],
             "hash": _hash(content),
             "modeler": "camunda-cloud" if cloud else "camunda-platform",
             "templates": [one for some in made.values() for one in some],
@@ -128,7 +137,9 @@ class ModelEdit(ModelWatch):
             raise FameError("expected check, save or compare with two texts")
         with self._lock:
             content = self._content()
-            return act(command, content, save_bytes(content, base, new, file=str(self.model)))
+            shown = self._shown(content)
+            written = save_bytes(shown, base, new, file=str(self.model))
+            return act(command, content, content if written == shown else written)
 
     def _checked(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
         return {"findings": [asdict(one) for one in self._findings(new)]}
