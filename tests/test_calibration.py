@@ -12,6 +12,7 @@ from fame.monitor.calibration import (
     calibrate,
     calibrate_runs,
     false_alarm_rate,
+    independent,
     left_out_thresholds,
     rank,
     runs_needed,
@@ -21,11 +22,11 @@ from fame.monitor.storage import from_plain, to_plain
 
 
 def scores(seed: int, runs: int, channels: int = 12) -> np.ndarray:
-    """Largest losses of runs: channels of different size, a factor per run that all share, heavy tails."""
+    """Largest losses of runs: channels of different size, a factor per run that all share, long tails."""
     random = np.random.default_rng(seed)
     sizes = 10.0 ** random.uniform(-3, 3, channels)
     shared = np.exp(0.2 * random.standard_normal((runs, 1)))
-    return np.asarray(sizes * shared * np.exp(0.3 * random.standard_t(5, (runs, channels))))
+    return np.asarray(sizes * shared * np.exp(0.3 * random.standard_normal((runs, channels))))
 
 
 @pytest.mark.parametrize(("rate", "needed"), [(0.01, 99), (0.05, 19), (0.5, 1), (1 / 17, 16)])
@@ -164,11 +165,36 @@ def test_so_many_runs_bound_a_rate_with_confidence(rate: float):
     assert calibrate(scores(1, runs), 1 / (runs + 1)).bound <= rate
 
 
-def test_a_threshold_far_beyond_what_was_seen_is_known_as_such():
+def test_a_run_that_is_unlike_the_others_in_one_channel_hardly_raises_the_thresholds_of_the_others():
     every = scores(2, 20, channels=4)
-    assert (calibrate(every, 0.05).stretch < FAR).all()
+    before = np.array(calibrate(every, 0.05).thresholds)
     every[3, 0] *= 1000.0
-    assert (calibrate(every, 0.05).stretch[1:] > FAR).all()
+    after = calibrate(every, 0.05)
+    assert (np.array(after.thresholds)[1:] < 1.7 * before[1:]).all()
+    assert (after.stretch < FAR).all()
+
+
+@pytest.mark.parametrize("runs", [6, 9])
+def test_thresholds_of_few_runs_stay_near_to_what_was_seen(runs: int):
+    for seed in range(20):
+        assert (calibrate(scores(seed, runs), 0.01).stretch < 3 * FAR).all(), seed
+
+
+def test_detectors_of_which_any_raises_the_alarm_keep_the_promise_together():
+    """Three detectors that see other things: the rate is divided among them."""
+    alarms = 0
+    for seed in range(100):
+        parts = [scores(1000 * part + seed, 19 + 40, channels=6) for part in range(3)]
+        among = independent(np.hstack([part[:19] for part in parts]))
+        above = [part[19:] > calibrate(part[:19], 0.05, among=among).thresholds for part in parts]
+        alarms += int(np.any(above, axis=(0, 2)).sum())
+    assert alarms / 4000 < 1.25 * 0.05
+
+
+def test_scores_that_rise_together_count_as_one():
+    every = scores(3, 200, channels=6)
+    assert independent(np.repeat(every[:, :1], 6, axis=1)) == pytest.approx(1)
+    assert 4 < independent(np.random.default_rng(0).random((200, 6))) <= 6
 
 
 def test_of_200_machines_few_exceed_the_conditional_bound():

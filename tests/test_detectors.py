@@ -8,6 +8,8 @@ import pytest
 from scipy.stats import binomtest
 
 from fame.errors import ConfigError
+from fame.monitor.calibration import independent
+from fame.monitor.pipeline.compare import compare
 from fame.monitor.pipeline.detectors import (
     DETECTORS,
     STORED,
@@ -16,6 +18,7 @@ from fame.monitor.pipeline.detectors import (
     detector_names,
     fit_detector,
 )
+from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.storage import detector_of, to_plain
@@ -121,3 +124,20 @@ def test_a_matrix_that_would_be_too_large_is_refused_with_its_size(name: str):
 def test_phases_of_more_than_300_channels_are_refused_with_the_size():
     with pytest.raises(ConfigError, match=r"phase needs a matrix of 3010 x 3010 \(72 MB\) .* 301 channels"):
         fit_detector("phase", np.zeros((2, 50, 301)), Training())
+
+
+def test_the_rate_is_divided_among_detectors_that_a_comparison_could_choose():
+    """Each alone has then no lower threshold than in all of them together."""
+    random = np.random.default_rng(4)
+    runs = [Samples(random.standard_normal((30, 2)), np.arange(30) / 10, ("a", "b")) for _ in range(5)]
+    config = Training(window=5, stride=5, folds=2, false_alarms="0.2 per run")
+    pairs = compare(runs, config, ("pca", "mahalanobis", "any of pca, mahalanobis"))
+    found = {item.detector: model for item, model in pairs}
+    both = found["any of pca, mahalanobis"]
+    assert both.calibration is not None
+    assert both.calibration.parts.shape == (2, 5, 2)
+    assert both.thresholds == (1.0,) * 2
+    assert 1 <= both.calibration.among <= 4
+    alone = found["pca"].calibration
+    assert alone is not None
+    assert alone.among == 2 * independent(alone.scores)

@@ -36,6 +36,22 @@ def trained(folder: Path, runs: Sequence[Samples], *more: str) -> int:
     return main([*words, *more])
 
 
+def test_unlike_runs_are_left_out_by_the_names_that_training_gives_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    every = [write_runs(tmp_path / f"{seed}.csv", [run(seed, gain=0.0 if seed == 2 else 1.0)]) for seed in range(6)]
+    words = ["monitor", "train", "--data", *map(str, every), "--detector", "pca", "-o", str(tmp_path / "m.skops")]
+    assert main(words) == 2
+    assert re.search(r"run 2: .*leave them out \(--exclude 'run 2'\), or train with --keep", capsys.readouterr().err)
+    for name in ("run 2", "2.csv"):
+        assert main([*words, "--exclude", name, "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["columns"] == ["left", "right"]
+    assert main([*words, "--exclude", "run 1"]) == 2
+    assert "run 2: " in capsys.readouterr().err  # numbers stay those of the files
+    assert main([*words, "--exclude", "run 9"]) == 2
+    assert "there is no run 9; there are 6, from run 0 on" in capsys.readouterr().err
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("detector", ["phase", "mahalanobis", "pca"])
 def test_a_run_in_which_a_motor_stood_still_is_refused_by_name_unless_kept(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -261,3 +262,63 @@ def test_one_recording_without_runs_is_cut_into_parts(tmp_path: Path):
     model = training.train(config)
     assert model.conditions["runs"] == 20
     assert "one recording, cut into 20 parts of 4.08 s: a run is such a part" in warnings_of(model)
+
+
+BLOCKS = "normal\n\t-1\t63\n\t0\t62\n\t0\t61\n\n\ncollision\n\t-1\t64\n\t90\t60\n\t0\t61\n"
+"""As the robot failures of UCI are published."""
+
+
+def test_blocks_behind_a_line_with_their_class_are_runs_and_one_class_trains(tmp_path: Path):
+    (tmp_path / "lp.data").write_text(BLOCKS)
+    special = Special(rate=50.0, benign="normal")
+    good, bad = read_labelled_runs([tmp_path / "lp.data"], (), special)
+    assert (good.samples.names, good.labels.tolist(), bad.labels.tolist()) == (
+        ("channel_0", "channel_1"), [1] * 3, [-1] * 3
+    )  # fmt: skip
+    assert bad.samples.values.tolist() == [[-1, 64], [90, 60], [0, 61]]
+    np.testing.assert_allclose(np.diff(bad.samples.stamps), 0.02)
+    assert len(read_labelled_runs([tmp_path / "lp.data"], (), special, undisturbed=True)) == 1
+    with pytest.raises(ConfigError, match="classes normal, collision: say by --benign which ones are undisturbed"):
+        read_labelled_runs([tmp_path / "lp.data"], (), Special(rate=50.0))
+    (tmp_path / "torn.data").write_text(BLOCKS + "\t1\n")
+    with pytest.raises(ConfigError, match="expected 2 numbers, or the class of the next block, got '1'") as error:
+        read_labelled_runs([tmp_path / "torn.data"], (), special)
+    assert error.value.line == 11
+
+
+def test_a_file_is_read_from_a_start_to_an_end_at_a_rate_with_the_labels_of_a_column(tmp_path: Path):
+    rows = [f"2020-03-09 10:00:{2 * n:02d};{n};{float(n >= 6)};0" for n in range(10)]
+    (tmp_path / "skab.csv").write_text("\n".join(["datetime;Current;anomaly;changepoint", *rows]) + "\n")
+    special = Special("datetime", exclude=("changepoint",), start=4.0, end=16.0, anomaly="anomaly")
+    (run,) = read_labelled_runs([tmp_path / "skab.csv"], (), special)
+    assert (run.samples.names, run.samples.values[:, 0].tolist()) == (("Current",), [2, 3, 4, 5, 6, 7])
+    assert run.labels.tolist() == [1, 1, 1, 1, -1, -1]
+    (run,) = read_labelled_runs([tmp_path / "skab.csv"], (), special._replace(rate=1.0, end=math.inf))
+    assert run.samples.stamps.tolist() == [4, 5, 6, 7, 8, 9]
+    with pytest.raises(ConfigError, match=r"has no row from 100 to inf s since its first one \(--start, --end\)"):
+        read_labelled_runs([tmp_path / "skab.csv"], (), special._replace(start=100.0, end=math.inf))
+    with pytest.raises(ConfigError, match=r"has no column 'wrong' \(--anomaly-column\)"):
+        read_labelled_runs([tmp_path / "skab.csv"], (), special._replace(anomaly="wrong"))
+    with pytest.raises(ConfigError, match=r"has no column 'stamp'; .*; without times, --rate says how many rows come"):
+        read_labelled_runs([tmp_path / "skab.csv"], ("Current",))
+
+
+def test_a_stream_with_labels_has_rates_of_its_rows_beside_those_of_an_alarm_that_is_always_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """From files as published to a verdict: the first part trains, the rest is judged."""
+    random = np.random.default_rng(2)
+    values = random.standard_normal((900, 2)) + [[8.0 * (n >= 800), 0.0] for n in range(900)]
+    rows = [f"{a:.4f},{b:.4f},{int(n >= 800)}" for n, (a, b) in enumerate(values)]
+    (tmp_path / "stream.csv").write_text("\n".join(["a,b,anomaly", *rows]) + "\n")
+    words = ["--data", str(tmp_path / "stream.csv"), "--rate", "50", "--anomaly-column", "anomaly"]
+    model = str(tmp_path / "m.skops")
+    more = ["--window", "5", "--stride", "1", "--end", "8", "--detector", "mahalanobis", "--false-alarms", "0.1"]
+    assert main(["monitor", "train", *words, *more, "-o", model, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["columns"] == ["a", "b"]
+    assert main(["monitor", "judge", model, words[1], "--start", "8", "--json"]) == 1
+    figures = json.loads(capsys.readouterr().out)["figures"]
+    assert figures["rows missed"]["rate"] < 0.05
+    assert figures["rows with a false alarm"]["rate"] < 0.1
+    assert figures["F1 of rows"] > 0.85 > figures["F1 if the alarm were always on"]
+    assert figures["F1 if the alarm were always on"] == pytest.approx(2 * 100 / (100 + 496), rel=0.01)

@@ -272,6 +272,21 @@ def add_time_unit(parser: Parser, default: str) -> None:
     )
 
 
+ROWS = ("rate", "start", "end", "anomaly_column", "benign")
+"""What `add_rows` adds."""
+
+
+def add_rows(parser: Parser) -> None:
+    """What is said of the rows of CSV and Parquet files."""
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="rate of rows without times, or with other ones")
+    parser.add_argument("--start", type=float, metavar="S", help="read each file from S s after its first row on")
+    parser.add_argument("--end", type=positive, metavar="S", help="read each file until S s after its first row")
+    parser.add_argument("--anomaly-column", metavar="NAME", help="column that is 0 in undisturbed rows: their labels")
+    parser.add_argument(
+        "--benign", metavar="CLASS", help="undisturbed class of a file of blocks, each behind a line with its class"
+    )
+
+
 def add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--show", choices=("both", "diagram", "world"), default="both",

@@ -1,26 +1,34 @@
-"""Thresholds with a stated false-alarm rate: conformal calibration over undisturbed runs.
+"""Thresholds with a stated false-alarm rate: conformal calibration over undisturbed runs, with tails beyond them.
 
-Each run gives one score per channel, its largest loss, by a model that was learned without that run. The scores of a
-channel are put on a common, bounded scale: (score - median) / (90 % quantile - median), both over the *other* runs, so
-that a run of the calibration is treated as a future run is. The score of a run is its largest value. If runs are
-exchangeable, the score of one more run is equally likely to fall between any two of the n scores; so the k-th smallest,
-with k = ceil((n + 1) (1 - rate)), is exceeded in at most that `rate` of future runs (split conformal prediction: Vovk,
-Gammerman and Shafer 2005; Angelopoulos and Bates 2023, section 1). n runs cannot promise less than 1 / (n + 1).
+Each run gives one score per channel, its largest loss, by a model that was learned without that run. If runs are
+exchangeable, the score of one more run is equally likely to fall between any two of the n scores of its channel; so
+the k-th smallest, with k = ceil((n + 1) (1 - rate)), is exceeded in at most that `rate` of future runs (split conformal
+prediction: Vovk, Gammerman and Shafer 2005; Angelopoulos and Bates 2023, section 1). n runs cannot promise less than
+1 / (n + 1).
+
+The promise is for all channels together, and for all detectors among which one is chosen or of which any may raise the
+alarm. So each channel of each gets an equal part of the rate (Bonferroni): whatever is chosen, the parts add up to no
+more. Scores that belong together share a part: as many independent ones as would have their largest scores in so many
+different runs (`independent`). n runs seldom show scores as rare as a part is. Beyond the largest ones the logarithms
+of scores are taken to be exponential (Hill 1975; Weissman 1978): log(threshold / X) is t log(k / m), of the score X
+that k of the n exceed, the number m of n + 1 that the part allows, and t the mean of log(score / X) over these k,
+averaged with that of all channels; somewhat more, as t is an estimate, and never less than the largest score. A run
+that is unlike the others in one channel so hardly raises the thresholds of the others.
 
 This promise is marginal: an average over trainings. The rate of one model is Beta(n + 1 - k, k) distributed (Vovk
 2012), which gives the conditional bound: what `CONFIDENCE` of the models keep. A lower rate never gives lower ones:
-without a promise they are at least the highest that could be promised.
+without a promise thresholds are those of the lowest rate that could be promised, and at least `MARGIN` times the
+largest score.
 
-The promise is for all channels together; each channel keeps a threshold of its own. The scores are those of
-cross-validation, while the model in use learned from all runs. So the promise is approximate, on the safe side as far
-as more data give smaller losses. Nothing is proved without an assumption on the model: jackknife+ (Barber, Candes,
-Ramdas and Tibshirani 2021), which has twice the rate, keeps the models without each run, and one that refits has not.
+The scores are those of cross-validation, while the model in use learned from all runs. So the promise is approximate,
+on the safe side as far as more data give smaller losses; beyond the scores it is as good as the assumption on tails.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -41,8 +49,10 @@ CONFIDENCE = 0.9
 """Share of trainings that keep the conditional bound."""
 FAR = 3.0
 """A threshold more than this times the largest left-out score of its channel is told."""
-_HIGH, _NARROW = 0.9, 0.05
-"""Quantile whose distance from the median is the unit of scores, and the least unit, relative to the median."""
+_TOP, _LOW = 5, 0.05
+"""Scores from which a tail is estimated (a tenth of many runs), and the least score, relative to the largest one."""
+_SURE = 40.0
+"""Scores of which the estimate of a tail is as good as if it had so many: the fewer, the farther the threshold."""
 _PRIOR = 4.0
 """Weight of the deviation over all channels in that of one channel, in runs: few runs estimate it badly."""
 
@@ -60,6 +70,8 @@ class Calibration:
     levels      mean of the logarithms of the scores, per channel; `deviations` of them, to see drift; none of scores of
                 whole runs
     least       smallest threshold that was allowed, of scores of whole runs
+    parts       (detectors, runs, channels): the scores of each of several detectors of which any raises the alarm
+    among       independent scores among which the rate was divided
     """
 
     thresholds: tuple[float, ...]
@@ -71,6 +83,8 @@ class Calibration:
     levels: tuple[float, ...] = ()
     deviations: tuple[float, ...] = ()
     least: float = 0.0
+    parts: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    among: float = 1.0
 
     @property
     def text(self) -> str:
@@ -151,28 +165,47 @@ def rank(runs: int, rate: float) -> int | None:
     return max(1, place) if place <= runs else None
 
 
-def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -> Calibration:
-    """Set thresholds from the largest loss of each run and channel (runs, channels).
+def independent(scores: Floats) -> float:
+    """Return how many independent columns of scores (runs, columns) would have their largest ones in as many runs."""
+    runs, columns = scores.shape
+    holding = min(len(set(scores.argmax(axis=0).tolist())), runs - 0.5)
+    return float(min(columns, math.log(1 - holding / runs) / math.log(1 - 1 / runs)))
 
-    `margin` multiplies the thresholds; by default only where there is no promise. Raises ConfigError for fewer than two
-    runs or a rate that is not between 0 and 1.
+
+def calibrate(
+    scores: Floats, rate: float = RATE, margin: float | None = None, among: float = 0.0, parts: Sequence[Floats] = ()
+) -> Calibration:
+    """Set thresholds from the largest loss of each run and channel (runs, channels); of several detectors (`parts`) in
+    units of whose own thresholds the scores are, they are 1.
+
+    The rate is divided `among` independent scores; default those of the channels. `margin` multiplies the thresholds.
+    Raises ConfigError for fewer than two runs or a rate that is not between 0 and 1.
     """
     runs = len(scores)
-    place, promised, factor = _promise(runs, rate, margin)
-    centre, high = np.quantile(scores, [0.5, _HIGH], axis=0)
-    unit = _unit(centre, high)
-    seen = (centre + ((scores - centre) / unit).max() * unit) * factor  # at least, without a promise
-    if runs < FEWEST:
-        limits = seen
-    else:
-        limits = (margin or 1.0) * (centre + np.sort(_run_scores(scores))[(place or runs) - 1] * unit)
-        limits = limits if place else np.maximum(limits, seen)  # never below what a higher rate gives
+    _, promised, factor = _promise(runs, rate, margin)
+    among = among or independent(scores)
+    limits = np.ones(scores.shape[1]) if len(parts) else _exceeded(scores, (promised or 1 / (runs + 1)) / among)
+    few = promised is None and margin is None
+    limits = np.maximum(limits, MARGIN * scores.max(axis=0)) if few else factor * limits
     levels, deviations = _log_scale(scores)
-    thresholds, promised = np.maximum(limits, LEAST), None if factor < 1 else promised
     return Calibration(
-        tuple(thresholds.tolist()), rate, promised, runs, factor, scores,
-        tuple(levels.tolist()), tuple(deviations.tolist()),
+        tuple(np.maximum(limits, LEAST).tolist()), rate, None if factor < 1 else promised, runs, factor,
+        scores, tuple(levels.tolist()), tuple(deviations.tolist()), parts=np.array(parts), among=among,
     )  # fmt: skip
+
+
+def _exceeded(scores: Floats, rate: float) -> Floats:
+    """Return what further scores of each channel exceed at a rate, by scores (runs, channels)."""
+    runs, allowed = len(scores), (len(scores) + 1) * rate
+    if place := rank(runs, rate):
+        return np.asarray(np.sort(scores, axis=0)[place - 1])
+    largest = np.maximum(scores.max(axis=0), LEAST)
+    logs = np.log(np.sort(np.maximum(scores, _LOW * largest), axis=0))
+    top = max(1, min(_TOP, runs // 2), runs // 10)
+    tails = (logs[-top:] - logs[-top - 1]).mean(axis=0)
+    tails = (tails + tails[tails > 0].mean()) / 2 if tails.any() else tails
+    beyond = _SURE * ((top / allowed) ** (1 / _SURE) - 1)  # the logarithm, if the tail were known
+    return np.asarray(np.maximum(largest, np.exp(logs[-top - 1] + beyond * tails)))
 
 
 def calibrate_runs(scores: Floats, rate: float = RATE, margin: float = MARGIN, least: float = 0.0) -> Calibration:
@@ -203,25 +236,6 @@ def _promise(runs: int, rate: float, margin: float | None) -> tuple[int | None, 
     return place, None if place is None else 1 - place / (runs + 1), factor
 
 
-def _unit(centre: Floats, high: Floats) -> Floats:
-    """Return the unit of scores by their median and high quantile."""
-    return np.maximum(high - centre, np.maximum(_NARROW * np.abs(centre), LEAST))
-
-
-def _run_scores(scores: Floats) -> Floats:
-    """Return the largest score of each run (runs,), on the scale of the other runs."""
-    centre, high = (_quantile_of_others(scores, part) for part in (0.5, _HIGH))
-    return np.asarray(((scores - centre) / _unit(centre, high)).max(axis=1))
-
-
-def _quantile_of_others(scores: Floats, part: float) -> Floats:
-    """Return a quantile per channel of the scores of the other runs, for each run (runs, channels)."""
-    ordered, places, last = np.sort(scores, axis=0), scores.argsort(axis=0).argsort(axis=0), len(scores) - 2
-    at = part * last
-    low, high = (np.where(n < places, ordered[n], ordered[n + 1]) for n in (int(at), min(int(at) + 1, last)))
-    return np.asarray(low + (at - int(at)) * (high - low))
-
-
 def _log_scale(scores: Floats) -> tuple[Floats, Floats]:
     """Return mean and deviation per channel of the logarithms of scores (runs, channels)."""
     logs, runs = np.log(np.maximum(scores, LEAST)), len(scores)
@@ -230,16 +244,19 @@ def _log_scale(scores: Floats) -> tuple[Floats, Floats]:
     return logs.mean(axis=0), np.sqrt(np.maximum(shrunk, 1e-6))
 
 
-def left_out_thresholds(scores: Floats, rate: float, margin: float | None = None) -> Floats:
+def left_out_thresholds(scores: Floats, rate: float, margin: float | None = None, among: float = 0.0) -> Floats:
     """Return the thresholds of each run (runs, channels), set by the others. Raises ConfigError if fewer than three."""
-    return np.array([calibrate(np.delete(scores, n, axis=0), rate, margin).thresholds for n in range(len(scores))])
+    every = range(len(scores))
+    return np.array([calibrate(np.delete(scores, n, axis=0), rate, margin, among).thresholds for n in every])
 
 
 def measured_alarms(calibration: Calibration) -> int:
     """Count the runs of a calibration that would raise an alarm if the others had set the thresholds."""
     scores, asked, margin = calibration.scores, calibration.asked, calibration.margin
     if calibration.levels:
-        return int((scores > left_out_thresholds(scores, asked, margin)).any(axis=1).sum())
+        parts = calibration.parts if len(calibration.parts) else scores[None]
+        above = [each > left_out_thresholds(each, asked, margin, calibration.among) for each in parts]
+        return int(np.any(above, axis=(0, 2)).sum())
     every, column = range(len(scores)), scores[:, 0]
     limits = [calibrate_runs(np.delete(column, n), asked, margin, calibration.least).thresholds[0] for n in every]
     return int((column > limits).sum())

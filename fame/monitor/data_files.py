@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from heapq import merge
 from itertools import chain
@@ -26,7 +27,7 @@ from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.join import Join, joined_table
 from fame.monitor.pipeline.processor import ActiveElements, Samples
-from fame.monitor.tables import RUN, STAMP, Table, read_parquet, read_table
+from fame.monitor.tables import RUN, STAMP, Table, read_blocks, read_parquet, read_table
 from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
 from fame.text import open_file
 
@@ -73,7 +74,11 @@ class LabelledRun(NamedTuple):
 class Special(NamedTuple):
     """The names of the columns that are no channels: of the stamps (dates, or numbers in a unit of `TIME_UNITS`, empty:
     s unless that is doubtful), the numbers of the runs, and the active element of the mission. With `join`, channels
-    of topics with rates of their own are joined by time; columns to `exclude` are not read."""
+    of topics with rates of their own are joined by time; columns to `exclude` are not read.
+
+    With a `rate` (Hz) rows follow each other at it, whatever times they have. Of each file are read the rows from
+    `start` to `end` (s since its first row). Rows in which the column `anomaly` is not 0 are anomalous; of a file of
+    blocks, those that are not of the class `benign`."""
 
     stamp: str = STAMP
     run: str = RUN
@@ -81,11 +86,16 @@ class Special(NamedTuple):
     unit: str = ""
     join: Join | None = None
     exclude: tuple[str, ...] = ()
+    rate: float = 0.0
+    start: float = 0.0
+    end: float = math.inf
+    anomaly: str = ""
+    benign: str = ""
 
     @property
     def unwanted(self) -> tuple[str, ...]:
         """The columns that are no channels."""
-        return (self.stamp, self.run, self.element, LABEL, "", *self.exclude)
+        return (self.stamp, self.run, self.element, LABEL, "", self.anomaly, *self.exclude)
 
 
 _USUAL = Special()
@@ -102,7 +112,8 @@ def read_labelled_runs(
     """Read every run of recorded files with its labels: values (n, columns), stamps (s), names of the columns.
 
     `columns` are by default those of the first file but `special` ones and label. Rows that lack one are left out.
-    `undisturbed` runs must not have an anomalous sample. Raises ConfigError.
+    `undisturbed` runs must not have an anomalous sample; blocks of another class than the benign one are left out.
+    Raises ConfigError.
     """
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
@@ -117,7 +128,8 @@ def read_labelled_runs(
         if not columns:
             columns = of_first = channels
         _check_columns(table, columns, special, path)
-        runs += _runs_of(table, columns, channels, special, path)
+        read = _runs_of(table, columns, channels, special, path)
+        runs += [run for run in read if not (undisturbed and special.benign and (run.labels == -1).any())]
     for number, run in enumerate(runs if undisturbed else ()):
         if (run.labels == -1).any():
             text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
@@ -131,12 +143,53 @@ def _read_file(path: Path, columns: Sequence[str], special: Special) -> Table:
         text = "is a bag, expected --config CONFIG.yaml, whose Inputs name topics and fields, or a CSV file"
         text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
         raise ConfigError(text, file=str(path))
-    wanted = {special.stamp, special.run, LABEL, *columns} if columns else None
+    wanted = {special.stamp, special.run, LABEL, special.anomaly, *columns} if columns else None
+    skip = (*special.exclude, *([special.stamp] if special.rate else []))
     if path.suffix == ".parquet":
-        return read_parquet(path, stamp=special.stamp, element=special.element, wanted=wanted, skip=special.exclude)
-    return read_table(
-        path, recorded=True, stamp=special.stamp, element=special.element, wanted=wanted, skip=special.exclude
-    )
+        table = read_parquet(path, stamp=special.stamp, element=special.element, wanted=wanted, skip=skip)
+    elif blocks := read_blocks(path):
+        table = _labelled_blocks(*blocks, special, path)
+    else:
+        table = read_table(path, recorded=True, stamp=special.stamp, element=special.element, wanted=wanted, skip=skip)
+    return _as_asked(table, special, path)
+
+
+def _labelled_blocks(table: Table, classes: Sequence[str], special: Special, path: Path) -> Table:
+    """Add the labels of blocks. Raises ConfigError if it is not said which ones are benign, or at which rate."""
+    known = ", ".join(dict.fromkeys(classes))
+    if special.benign not in classes:
+        text = f"has runs of the classes {known}: say by --benign which ones are undisturbed"
+        raise ConfigError(f"{text}; got {special.benign!r}" if special.benign else text, file=str(path))
+    labels = [1.0 if name == special.benign else -1.0 for name in classes]
+    return table._replace(names=(*table.names, LABEL), cells=np.column_stack((table.cells, labels)))
+
+
+def _as_asked(table: Table, special: Special, path: Path) -> Table:
+    """Give the rows stamps at a rate and labels by another column, and keep those between start and end, if that is
+    asked for. Raises ConfigError."""
+    names, cells, _, _, sure = table
+    added: dict[str, Floats] = {}
+    if special.rate:
+        added[special.stamp], sure = np.arange(len(cells)) / special.rate, True
+    if special.anomaly:
+        if special.anomaly not in names:
+            text = f"has no column {special.anomaly!r} (--anomaly-column); it has {', '.join(names)}"
+            raise ConfigError(text, file=str(path), line=1)
+        marks = cells[:, names.index(special.anomaly)]
+        added[LABEL] = np.where(np.isnan(marks), np.nan, np.where(marks == 0, 1.0, -1.0))
+    kept = [place for place, name in enumerate(names) if name not in added]
+    names = (*(names[place] for place in kept), *added)
+    cells = np.column_stack((cells[:, kept], *added.values()))
+    rows = np.arange(len(cells))
+    if (special.start or special.end < math.inf) and special.stamp in names:
+        stamps = cells[:, names.index(special.stamp)] * TIME_UNITS.get(special.unit, 1.0)
+        since = stamps - stamps[np.isfinite(stamps)][:1]
+        rows = np.flatnonzero((since >= special.start) & (since < special.end))
+        if not len(rows):
+            text = f"has no row from {special.start:g} to {special.end:g} s since its first one (--start, --end)"
+            raise ConfigError(text, file=str(path))
+    elements = tuple(table.elements[int(row)] for row in rows) if table.elements else ()
+    return Table(names, cells[rows], [table.lines[int(row)] for row in rows], elements, sure)
 
 
 def _check_columns(table: Table, columns: Sequence[str], special: Special, path: Path) -> None:
@@ -148,7 +201,8 @@ def _check_columns(table: Table, columns: Sequence[str], special: Special, path:
         raise ConfigError(f"has no column {special.element!r}", file=str(path), line=1)
     for name in (special.stamp, *columns, *([special.run] if special.run != RUN else [])):
         if name not in table.names:
-            raise ConfigError(f"has no column {name!r}; it has {names}", file=str(path), line=1)
+            rate = "; without times, --rate says how many rows come in a second" if name == special.stamp else ""
+            raise ConfigError(f"has no column {name!r}; it has {names}{rate}", file=str(path), line=1)
 
 
 def _runs_of(

@@ -70,6 +70,8 @@ class JudgedRun:
     cut             its file is incomplete: how it went on is not known
     known           the model has learned from it: its verdict says nothing about other runs
     order           what is wrong with the order of its elements of the mission
+    rows            of a run with labels, how many judged rows are anomalous with an alarm, benign with one, anomalous
+                    without, and benign without
     """
 
     number: int
@@ -90,6 +92,7 @@ class JudgedRun:
     cut: bool = False
     known: bool = False
     order: tuple[str, ...] = ()
+    rows: tuple[int, ...] = (0, 0, 0, 0)
 
     @property
     def verdict(self) -> str:
@@ -187,6 +190,13 @@ class JudgedRuns:
         }
         if found:
             values["latency s"] = {"median": float(np.median(found)), "largest": max(found)}
+        hit, false, missed, quiet = (sum(run.rows[n] for run in new) for n in range(4))
+        if hit + missed and false + quiet:  # where an alarm is on or off, as for a stream; beside what is always on
+            values |= {
+                "rows with a false alarm": _rate(false, false + quiet), "rows missed": _rate(missed, hit + missed),
+                "F1 of rows": _f1(hit, false, missed),
+                "F1 if the alarm were always on": _f1(hit + missed, false + quiet, 0),
+            }  # fmt: skip
         scored = [run for run in self.scored if run.label is not None and not run.known]
         if len({run.label == -1 for run in scored}) == 2:
             values |= areas(np.array([run.score for run in scored]), np.array([run.label == -1 for run in scored]))
@@ -233,6 +243,10 @@ def mark_known(runs: Sequence[JudgedRun], numbers: Iterable[int]) -> tuple[Judge
         replace(run, known=True, notes=(*run.notes, note)) if run.number in known and not run.known else run
         for run in runs
     )
+
+
+def _f1(hit: int, false: int, missed: int) -> float:
+    return 2 * hit / (2 * hit + false + missed)
 
 
 def _rate(count: int, total: int) -> dict[str, Any]:
@@ -314,11 +328,19 @@ def _judged(
 
 
 def _labelled(judged: JudgedRun, run: LabelledRun) -> JudgedRun:
+    if not run.labelled:
+        return judged
     wrong = np.flatnonzero(run.labels == -1)
-    if not run.labelled or not len(wrong):
-        return replace(judged, label=1 if run.labelled else None)
     assert judged.samples is not None
-    return replace(judged, label=-1, onset=float(judged.samples.stamps[wrong[0]]))
+    at = judged.samples.stamps.searchsorted(judged.stamps + 1e-9, side="right") - 1
+    anomalous = run.labels[at] == -1
+    alarm = np.zeros(len(at), dtype=bool)
+    for event in judged.events:
+        alarm |= (judged.stamps >= event.start) & (judged.stamps <= event.end)
+    pairs = (alarm & anomalous, alarm & ~anomalous, ~alarm & anomalous, ~alarm & ~anomalous)
+    onset = float(judged.samples.stamps[wrong[0]]) if len(wrong) else None
+    rows = tuple(int(pair.sum()) for pair in pairs)
+    return replace(judged, rows=rows, label=-1 if len(wrong) else 1, onset=onset)
 
 
 def _explained(

@@ -90,6 +90,34 @@ def read_table(
     return Table(names, cells, numbers, tuple(elements), sure)
 
 
+_BLOCK = re.compile(r"\s*([A-Za-z]\w*)[ \t]*\n[ \t]*[-+.\d]+[ \t]+[-+.\d]")
+"""The begin of a file of blocks."""
+
+
+def read_blocks(path: Path) -> tuple[Table, list[str]] | None:
+    """Read a file of blocks of numbers, each behind a line with its class, as the robot failures of UCI are: a table of
+    channels by number, in whose lines each block stands apart, and the class of each row; None for another file.
+
+    Raises ConfigError with the line.
+    """
+    text = _text(path)
+    if not _BLOCK.match(text):
+        return None
+    rows, lines, classes, name = list[list[float]](), list[int](), list[str](), ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        cells = line.split()
+        if len(cells) == 1 and not _is_number(cells[0]):
+            name = cells[0]
+        elif cells:
+            if not all(map(_is_number, cells)) or len(cells) != len(rows[0] if rows else cells):
+                wanted = f"{len(rows[0]) if rows else 'some'} numbers, or the class of the next block"
+                raise ConfigError(f"expected {wanted}, got {line.strip()[:60]!r}", file=str(path), line=number)
+            rows.append([*map(float, cells)])
+            lines.append(number)
+            classes.append(name)
+    return Table(tuple(f"channel_{n}" for n in range(len(rows[0]))), np.array(rows), lines), classes
+
+
 def _without_column(
     place: int, lines: Sequence[str], numbers: Sequence[int], width: int, path: Path, separator: str
 ) -> tuple[list[str], list[str]]:

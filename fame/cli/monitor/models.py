@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, Parser, add_json, add_time_unit, command, group, namespace
+from fame.cli.arguments import ROWS, Commands, Parser, add_json, add_rows, add_time_unit, command, group, namespace
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN, ConfigError
 
@@ -47,6 +47,7 @@ def _add_data(parser: Parser) -> None:
     parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files, bags and MCAP files")
     add_inputs(parser)
     add_time_unit(parser, "as in training")
+    add_rows(parser)
 
 
 def add_inputs(parser: Parser) -> None:
@@ -121,7 +122,12 @@ def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> l
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
     unit = getattr(arguments, "time_unit", None) or settings.get("time_unit") or ""
     join = Join(*settings["join"]) if settings.get("join") else None
-    special = Special(*(settings.get(name, default) for name, default in names))._replace(unit=unit, join=join)
+    rows = {name: getattr(arguments, name, None) for name in ROWS}
+    rows |= {name: settings.get(name) for name in ("rate", "anomaly_column", "benign") if rows[name] is None}
+    rows["anomaly"] = rows.pop("anomaly_column")
+    special = Special(*(settings.get(name, default) for name, default in names))._replace(
+        unit=unit, join=join, **{name: value for name, value in rows.items() if value is not None}
+    )
     options = RecordingOptions(namespace=arguments.namespace, elements=bool(model.elements), report=note)
     runs: list[LabelledRun] = []
     for path in paths:

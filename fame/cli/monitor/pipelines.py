@@ -13,7 +13,18 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fame.cli.arguments import Commands, add_json, add_time_unit, add_types, assignment, command, namespace, positive
+from fame.cli.arguments import (
+    ROWS,
+    Commands,
+    add_json,
+    add_rows,
+    add_time_unit,
+    add_types,
+    assignment,
+    command,
+    namespace,
+    positive,
+)
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, MissionError, UnavailableError
@@ -249,7 +260,13 @@ def add_train(commands: Commands) -> None:
     )
     parser.add_argument("--time-column", metavar="NAME", help="column of the times, in s or dates (default: stamp)")
     add_time_unit(parser, "s, refused where that is doubtful")
-    parser.add_argument("--exclude", nargs="+", metavar="NAME", help="columns that are no channels, such as texts")
+    parser.add_argument(
+        "--exclude", nargs="+", metavar="NAME",
+        help="columns that are no channels, such as texts; and runs, as 'run 7', or by the name of their file",
+    )  # fmt: skip
+    add_rows(parser)
+    parser.add_argument("--window", type=int, metavar="N", help="samples of a window (default: 50)")
+    parser.add_argument("--stride", type=int, metavar="N", help="samples from one window to the next (default: 5)")
     parser.add_argument(
         "--detector", metavar="NAME",
         help="phase, 'any of pca, knn', sklearn.ensemble.IsolationForest ... instead of the configuration's Detector; "
@@ -323,7 +340,7 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
         compared = model.conditions.get("compared", [])
         if compared and not arguments.json:
             print(_comparison(compared))
-        if not arguments.keep:
+        if not (arguments.keep or training.keep):
             _refuse_doubtful(model, file, training, path)
         named = {"files": [Path(each).name for each in files], "failed": _failed(files), **origin_of(path)}
         model = replace(model, data=hash_files(files), conditions={**model.conditions, **named})
@@ -358,7 +375,8 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
 
     if (arguments.configuration is None) == (not arguments.data):
         raise ConfigError("expected a configuration with the section Training, or --data FILE")
-    names = ("run_column", "time_column", "element_column", "time_unit", "detector", "false_alarms")
+    names = ("run_column", "time_column", "element_column", "time_unit", "detector", "false_alarms", "window", "stride",
+             *ROWS)  # fmt: skip
     given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     if arguments.exclude:
         given["exclude"] = tuple(arguments.exclude)
@@ -384,11 +402,13 @@ def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: P
         raise ConfigError(f"{text}: {mend}, or train with --keep", file=file, element="Training")
     if strange := outliers(model):
         page = path.with_suffix(".refused.html")
-        drawn = ""
-        with suppress(UnavailableError):
-            _write_refused(model, training, strange, page)
-            drawn = f" ({page})"
-        text = f"{'; '.join(strange.values())}; look at these runs{drawn} and leave them out, or train with --keep"
+        drawn, mend = "", "record it again"
+        if not model.conditions.get("cut"):
+            mend = f"leave them out (--exclude 'run {next(iter(strange))}')"
+            with suppress(UnavailableError):
+                _write_refused(model, training, strange, page)
+                drawn = f" ({page})"
+        text = f"{'; '.join(strange.values())}; look at these runs{drawn} and {mend}, or train with --keep"
         raise ConfigError(text, file=file, element="Training.Files")
 
 
@@ -400,10 +420,9 @@ def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int
     from fame.monitor.pipeline.train import band_of
 
     read = read_labelled_runs(training.files, training.columns, training.special)
-    runs = [run for run in read if len(run.samples)]
-    others = [run.samples for number, run in enumerate(runs) if number not in strange]
+    others = [run.samples for number, run in enumerate(read) if number not in strange and len(run.samples)]
     judging = replace(model, band=band_of(others, model.elements))
-    shown = judge_trained(judging, [runs[number] for number in strange], str(page)).runs
+    shown = judge_trained(judging, [read[number] for number in strange], str(page)).runs
     write_refused(shown, list(strange.values()), page)
 
 

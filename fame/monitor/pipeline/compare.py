@@ -6,7 +6,8 @@ if an alarm begins between its onset and the end. Latency counts from the onset.
 at a time, as in a running node, per sample.
 
 The best detector keeps the rate of false alarms that was asked for, as far as chance tells; among these, it finds the
-most faults; among these, it is the cheapest.
+most faults; among these, it is the cheapest. A choice by the runs that set the thresholds favours detectors with low
+ones; so the rate is divided among all detectors that could be chosen (`fame.monitor.calibration`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
 from fame.intervals import interval
 from fame.monitor.calibration import FEWEST, measured_alarms
-from fame.monitor.pipeline.detectors import DETECTORS
+from fame.monitor.pipeline.detectors import DETECTORS, is_class, split_rule
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, repeats
 from fame.monitor.pipeline.trained_model import TrainedModel
@@ -120,10 +121,11 @@ def compare(
         many = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
         raise ConfigError(f"has {many}; at least 4 are needed to compare detectors", element="Training")
     found, refused = [], None
+    share = len({part for name in detectors for part in ([name] if is_class(name) else split_rule(name)[1])})
     for name in detectors:
         report(f"{name}: {len(runs)} runs")
         try:
-            found.append(_compared(runs, replace(config, detector=name)))
+            found.append(_compared(runs, replace(config, detector=name, share=share)))
         except ConfigError as error:
             report(f"{name}: {error.text}")
             refused = error

@@ -23,7 +23,7 @@ from fame.config.values import ConfigValue
 from fame.dataclasses import asdict, dataclass, field, replace
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, read_false_alarms
+from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, independent, read_false_alarms
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.data_files import (
     ELEMENT,
@@ -79,7 +79,12 @@ class Training:
     columns       of the files; default all but stamp, run and label
     run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates, `element_column`
                   the element of the mission that is active
-    exclude       columns that are not read, such as texts
+    exclude       columns that are not read, such as texts; and runs, as training names them (``run 7``), or by file
+    rate          Hz, of rows that have no times, or other ones
+    start         s since the first row of each file, from which on it is read; `end`: until where
+    anomaly_column  column that is 0 in undisturbed rows; these train, it is no channel
+    benign        of a file of blocks, each behind a line with its class: the class that is undisturbed
+    keep          train also if runs are unlike the others, and leave out copies of runs
     join          of topics with rates of their own: the section `Join` of the configuration
     time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
     detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the best
@@ -102,6 +107,8 @@ class Training:
     components    part of the variance that principal components explain
     neighbours    windows that `knn` keeps, at most
     usual         set by training: of several detectors, the losses that count as 1 for each, per channel (`weighed`)
+    parts         set by training: the left-out scores of each of them (runs, channels), if any raises the alarm
+    share         set by a comparison: how many detectors it could choose
     """
 
     files: tuple[str, ...] = ()
@@ -112,6 +119,12 @@ class Training:
     element_column: str = ELEMENT
     time_unit: str | None = None
     exclude: tuple[str, ...] = ()
+    rate: float = 0.0
+    start: float = 0.0
+    end: float | None = None
+    anomaly_column: str | None = None
+    benign: str | None = None
+    keep: bool = False
     join: Join | None = None
     detector: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -133,18 +146,20 @@ class Training:
     neighbours: int = 4000
     seed: int = 0
     usual: tuple[tuple[float, ...], ...] = ()
+    parts: tuple[Floats, ...] = ()
+    share: int = 1
 
     @property
     def special(self) -> Special:
         """The columns that are no channels."""
         names = self.time_column, self.run_column, self.element_column
-        return Special(*names, self.time_unit or "", self.join, self.exclude)
+        end = math.inf if self.end is None else self.end
+        unit, anomaly, benign = self.time_unit or "", self.anomaly_column or "", self.benign or ""
+        return Special(*names, unit, self.join, self.exclude, self.rate, self.start, end, anomaly, benign)
 
 
 ReportProgress = Callable[[str], object]
 Complete = Callable[[Sequence[LabelledRun], Sequence[str]], Sequence[LabelledRun]]
-PARTS = 0.05
-"""False alarms per run of the thresholds in whose units several detectors count."""
 FINE = 0.05
 """Longest time between two phases, s; where rows are farther apart, as they are."""
 REPEATING = 0.5
@@ -165,15 +180,28 @@ def train(
     Raises ConfigError, UnavailableError.
     """
     read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
-    runs = [run.samples for run in read if len(run.samples)]
+    numbers = _chosen(read, config)
+    runs = [read[number].samples for number in numbers]
     cut, runs = len(runs) == 1, parts(runs[0], config.window) if len(runs) == 1 else runs
-    model = fit(runs, config, hash_files(config.files), report, keep=keep, faults=True, detectors=detectors)
+    model = fit(
+        runs, config, hash_files(config.files), report, keep=keep or config.keep, faults=True, detectors=detectors
+    )
     told = f"one recording, cut into {len(runs)} parts of {float(np.ptp(runs[0].stamps)):.3g} s: a run is such a part"
+    places = list(range(len(runs))) if cut else numbers
     more = {
-        "cut": [told] if cut else [], "files": [Path(path).name for path in config.files],
-        "missing": missing(complete(read, model.columns)),
+        "cut": [told] if cut else [], "numbers": [places[at] for at in model.conditions["numbers"]],
+        "jumps": [(places[at], *jump) for at, *jump in model.conditions["jumps"]],
+        "files": [Path(path).name for path in config.files], "missing": missing(complete(read, model.columns)),
     }  # fmt: skip
     return replace(model, conditions={**model.conditions, **more})
+
+
+def _chosen(read: Sequence[LabelledRun], config: Training) -> list[int]:
+    """Return the numbers of the runs that have samples and are not excluded. Raises ConfigError for an unknown run."""
+    called = [{f"run {number}", Path(run.file).name} for number, run in enumerate(read)]
+    if unknown := [name for name in config.exclude if re.fullmatch(r"run \d+", name) and {name} - set().union(*called)]:
+        raise ConfigError(f"there is no {unknown[0]}; there are {len(read)}, from run 0 on", element="Training.exclude")
+    return [at for at, run in enumerate(read) if len(run.samples) and not called[at] & set(config.exclude)]
 
 
 def fit(
@@ -215,8 +243,9 @@ def fit(
             tried.put(index, partial(_loss_of_raw, fold, config))
     whole = _whole(scores, config)
     lasted = [float(run.stamps[-1] - run.stamps[0]) for run in runs if len(run)]
-    asked = false_alarm_rate(config.false_alarms, float(np.mean(lasted)))
-    calibration = calibrate(scores[whole], asked, config.margin)
+    asked = _asked(runs, config)
+    parts = [part[whole] for part in config.parts]
+    calibration = calibrate(scores[whole], asked, config.margin, _among(parts or [scores[whole]], config), parts)
     figures = _figures(model, filtered, scores[whole], config)
     conditions = {
         "runs": len(runs), "scored": len(whole), "numbers": [places[index] for index in whole],
@@ -240,12 +269,12 @@ def fit(
 
 
 CUT = 20
-"""Parts of a recording that is one run, at most; each has as many windows, at least."""
+"""Parts of a recording that is one run, at most; each is as long as two windows, at least."""
 
 
 def parts(run: Samples, window: int) -> list[Samples]:
     """Cut one continuous recording into parts of equal length; the run itself if it is too short for two."""
-    count = min(CUT, len(run) // (CUT * window))
+    count = min(CUT, len(run) // (2 * window))
     bounds = np.linspace(0, len(run), max(count, 1) + 1).astype(int)
     return [Samples(run.values[a:b], run.stamps[a:b], run.names, run.elements) for a, b in pairwise(bounds)]
 
@@ -316,13 +345,26 @@ def weighed(runs: Sequence[Samples], config: Training, rate: float) -> Training:
     if config.usual or is_class(config.detector) or config.estimator is not None:
         return config
     rule, names = detector_names(config.detector)
-    usual = []
+    parts = []
     for name in names if rule else ():
         single = replace(config, detector=name)
         found = {at: losses(model, runs[at], config.stride).values for at, model in left_out(runs, single, rate)}
-        scores = np.array([found[at].max(axis=0, initial=-np.inf) for at in range(len(runs))])
-        usual.append(calibrate(scores[_whole(scores, config)], PARTS).thresholds)
-    return replace(config, usual=tuple(usual))
+        parts.append(np.array([found[at].max(axis=0, initial=-np.inf) for at in range(len(runs))]))
+    scores = [part[_whole(part, config)] for part in parts]
+    among = _among(scores, config) if rule == RULES[0] else 0.0
+    usual = tuple(calibrate(part, _asked(runs, config), 1.0, among).thresholds for part in scores)
+    return replace(config, usual=usual, parts=tuple(parts) if among else ())
+
+
+def _among(parts: Sequence[Floats], config: Training) -> float:
+    """Return the number of independent scores of detectors (runs, channels each) and those that could be chosen."""
+    return independent(np.hstack(parts)) * max(1.0, config.share / len(parts))
+
+
+def _asked(runs: Sequence[Samples], config: Training) -> float:
+    """Return the rate of false alarms per run that is asked for."""
+    lasted = [float(run.stamps[-1] - run.stamps[0]) for run in runs if len(run)]
+    return false_alarm_rate(config.false_alarms, float(np.mean(lasted)))
 
 
 def _whole(scores: Floats, config: Training) -> list[int]:
@@ -390,8 +432,12 @@ def _moves(runs: Sequence[Samples]) -> Any:
     return np.ptp(every, axis=0) > 0
 
 
+_SET = ("usual", "parts", "share")
+"""Settings that training sets itself."""
+
+
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    kept = {name: value for name, value in settings.items() if name not in ("files", "model", "estimator", "usual")}
+    kept = {name: value for name, value in settings.items() if name not in ("files", "model", "estimator", *_SET)}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
 
 
@@ -493,6 +539,12 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "epochs": partial(ConfigValue.integer, minimum=1),
     "margin": partial(ConfigValue.number, above=0),
     "exclude": _texts,
+    "rate": partial(ConfigValue.number, minimum=0, maximum=1e6),
+    "start": partial(ConfigValue.number, minimum=0),
+    "end": partial(ConfigValue.number, above=0),
+    "anomaly_column": ConfigValue.text,
+    "benign": ConfigValue.text,
+    "keep": ConfigValue.boolean,
     "detector": _detector,
     "parameters": _parameters,
     "false_alarms": read_false_alarms,
