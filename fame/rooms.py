@@ -204,6 +204,8 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "process": "fame.cli.monitor.pipelines:add_process",
         "judge": "fame.cli.monitor.models:add_judge",
         "model": "fame.cli.monitor.models:add_model",
+        "label": "fame.cli.monitor.labelling:add_label",
+        "retrain": "fame.cli.monitor.labelling:add_retrain",
         "adm": "fame.cli.monitor.adm:add",
     },
     "log": {"log": "fame.cli.logs:add"},

@@ -96,7 +96,7 @@ def judged(model: TrainedModel | Model, path: Path, data: Sequence[Path], argume
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     if isinstance(model, TrainedModel):
-        found = judge_trained(model, _read(data, arguments, model), str(path))
+        found = judge_trained(model, read_for(model, data, arguments), str(path))
     else:
         found = judge_recordings(model, data, str(path), arguments.topic)
     return found.cut_in(file for file in data if incomplete(file))
@@ -111,7 +111,7 @@ def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[st
     return on_page(judged(load_any(path), path, [recording], arguments))
 
 
-def _read(paths: Sequence[Path], arguments: Namespace, model: TrainedModel) -> list[LabelledRun]:
+def read_for(model: TrainedModel, paths: Sequence[Path], arguments: Namespace) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
     from fame.monitor.data_files import ELEMENT, Special, is_bag, read_labelled_runs
     from fame.monitor.pipeline.join import Join

@@ -308,7 +308,7 @@ def run_train(arguments: Namespace) -> int:
         raise ConfigError(text, file=name)
     options = RecordingOptions(namespace=arguments.namespace, elements=arguments.elements, report=note)
     with tables_of(training.files, arguments.config or arguments.configuration, options) as tables:
-        return _train(arguments, replace(training, files=tables.paths), file, training.files, tables.completed)
+        return store_trained(arguments, replace(training, files=tables.paths), file, training.files, tables.completed)
 
 
 def _failed(files: Sequence[str]) -> dict[str, list[str]]:
@@ -318,7 +318,7 @@ def _failed(files: Sequence[str]) -> dict[str, list[str]]:
     return {each: robots for each in files if (robots := failed_missions(Path(each)))}
 
 
-def _train(arguments: Namespace, training: Training, file: str, files: Sequence[str], complete: Complete) -> int:
+def store_trained(arguments: Namespace, training: Training, file: str, files: Sequence[str], complete: Complete) -> int:
     """Train, store the model with its card, and print the result; `files` are what the user named, and `complete` says
     what was left out of them."""
     from fame.monitor.data_files import hash_files
@@ -336,13 +336,25 @@ def _train(arguments: Namespace, training: Training, file: str, files: Sequence[
         with progress_line(sys.stderr) as line:
             progress: Callable[[str], object] = line.write if line is not None else print
             asked = ALL if arguments.compare else ()
-            model = train(training, report=progress, keep=arguments.keep, complete=complete, detectors=asked)
+            model = train(
+                replace(training, model=str(path)),
+                report=progress,
+                keep=arguments.keep,
+                complete=complete,
+                detectors=asked,
+            )
         compared = model.conditions.get("compared", [])
         if compared and not arguments.json:
             print(_comparison(compared))
         if not (arguments.keep or training.keep):
             _refuse_doubtful(model, file, training, path)
-        named = {"files": [Path(each).name for each in files], "failed": _failed(files), **origin_of(path)}
+        paths = [str(Path(each).resolve()) for each in files]
+        named = {
+            "files": [Path(each).name for each in files],
+            "paths": paths,
+            "failed": _failed(files),
+            **origin_of(path),
+        }
         model = replace(model, data=hash_files(files), conditions={**model.conditions, **named})
         model.save(path)
         write_card(model, path)
@@ -400,7 +412,8 @@ def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: P
     if text := memorised(model):
         mend = "record more or longer runs, take another Detector (--compare) or a shorter Window"
         raise ConfigError(f"{text}: {mend}, or train with --keep", file=file, element="Training")
-    if strange := outliers(model):
+    benign = model.conditions.get("benign", [])  # whatever they look like, somebody said so
+    if strange := {number: text for number, text in outliers(model).items() if number not in benign}:
         page = path.with_suffix(".refused.html")
         drawn, mend = "", "record it again"
         if not model.conditions.get("cut"):
@@ -419,7 +432,7 @@ def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int
     from fame.monitor.judge_report import write_refused
     from fame.monitor.pipeline.train import band_of
 
-    read = read_labelled_runs(training.files, training.columns, training.special)
+    read = read_labelled_runs(training.files, training.columns, training.special, undisturbed=True)
     others = [run.samples for number, run in enumerate(read) if number not in strange and len(run.samples)]
     judging = replace(model, band=band_of(others, model.elements))
     shown = judge_trained(judging, [read[number] for number in strange], str(page)).runs

@@ -34,6 +34,7 @@ from fame.monitor.data_files import (
     rate_of,
     read_labelled_runs,
 )
+from fame.monitor.labels import read_labels, with_labels
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.cycles import WITHIN, found_of, phases_of
@@ -175,11 +176,14 @@ def train(
     detectors: Sequence[str] = (),
 ) -> TrainedModel:
     """Learn from the files. The model is not stored. `keep`: copies of runs are dropped instead of refused. `complete`
-    adds to runs what was left out when bags were read. Of several `detectors` the best one is taken.
+    adds to runs what was left out when bags were read. Of several `detectors` the best one is taken. What is said of
+    runs beside the model (`fame.monitor.labels`) counts.
 
     Raises ConfigError, UnavailableError.
     """
     read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
+    columns = read[0].samples.names if read else config.columns
+    read, benign = with_labels(read, read_labels(config.model), columns, config.special)
     numbers = _chosen(read, config)
     runs = [read[number].samples for number in numbers]
     cut, runs = len(runs) == 1, parts(runs[0], config.window) if len(runs) == 1 else runs
@@ -189,7 +193,7 @@ def train(
     told = f"one recording, cut into {len(runs)} parts of {float(np.ptp(runs[0].stamps)):.3g} s: a run is such a part"
     places = list(range(len(runs))) if cut else numbers
     more = {
-        "cut": [told] if cut else [], "numbers": [places[at] for at in model.conditions["numbers"]],
+        "cut": [told] if cut else [], "benign": benign, "numbers": [places[at] for at in model.conditions["numbers"]],
         "jumps": [(places[at], *jump) for at, *jump in model.conditions["jumps"]],
         "files": [Path(path).name for path in config.files], "missing": missing(complete(read, model.columns)),
     }  # fmt: skip

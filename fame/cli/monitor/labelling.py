@@ -1,0 +1,114 @@
+"""``fame monitor label`` and ``fame monitor retrain``: what people say of runs goes into the next training."""
+
+from __future__ import annotations
+
+import re
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import fields
+from getpass import getuser
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Commands, command
+from fame.cli.output import table
+from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fame.monitor.pipeline.train import Training
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+
+def add_label(commands: Commands) -> None:
+    parser = command(
+        commands, "label", run_label,
+        examples=("fame monitor label monday.csv:3 --benign --model joint_monitor.skops",),
+        help="say what recorded runs are, such as that an alarm was false; the next training of the model uses it",
+    )  # fmt: skip
+    parser.add_argument("runs", nargs="+", metavar="RUN", help="CSV file with its runs, or one of them: runs.csv:3")
+    label = parser.add_mutually_exclusive_group(required=True)
+    label.add_argument("--benign", dest="label", action="store_const", const="benign", help="it trains")
+    label.add_argument("--anomalous", dest="label", action="store_const", const="anomalous", help="it does not train")
+    parser.add_argument("--model", type=Path, required=True, metavar="MODEL.skops", help="beside which that is stored")
+    parser.set_defaults(config=None, namespace="")
+    parser.add_argument("--by", metavar="NAME", help="who says so (default: the user)")
+
+
+def run_label(arguments: Namespace) -> int:
+    """Store what is said of runs."""
+    from fame.cli.monitor.models import read_for
+    from fame.monitor.labels import add_labels
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+    model, chosen = TrainedModel.load(arguments.model), []
+    for text in arguments.runs:
+        found = re.fullmatch(r"(.+):(\d+)", text)
+        runs = list(enumerate(read_for(model, [Path(found[1] if found else text)], arguments)))
+        if found and int(found[2]) >= len(runs):
+            raise ConfigError(f"has no run {found[2]}; it has {len(runs)}, from 0 on", file=found[1])
+        chosen += [runs[int(found[2])]] if found else runs
+    add_labels(arguments.model, chosen, arguments.label, arguments.by or getuser())
+    print(f"{len(chosen)} {arguments.label} {'run' if len(chosen) == 1 else 'runs'}: fame monitor retrain "
+          f"{arguments.model} uses what is said")  # fmt: skip
+    return 0
+
+
+def add_retrain(commands: Commands) -> None:
+    parser = command(
+        commands, "retrain", run_retrain, examples=("fame monitor retrain joint_monitor.skops",),
+        help="train a model again on its runs and those with labels: what changes in thresholds and verdicts",
+    )  # fmt: skip
+    parser.add_argument("model", type=Path, metavar="MODEL.skops")
+    parser.add_argument("--data", nargs="+", default=[], metavar="FILE", help="runs, instead of those of its training")
+    parser.add_argument("--keep", action="store_true", help="as in fame monitor train")
+
+
+def run_retrain(arguments: Namespace) -> int:
+    """Train again as before, and say what changed in thresholds and in verdicts on the runs with labels."""
+    from fame.cli.monitor.pipelines import store_trained
+    from fame.monitor.judge import judge_trained
+    from fame.monitor.labels import labelled_runs, read_labels
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+    path = arguments.model
+    old = TrainedModel.load(path)
+    config = _settings(old, arguments.data, path)
+    more = Namespace(output=path, check=False, compare=False, keep=arguments.keep, onnx=None, plots=None, json=False)
+    store_trained(more, config, str(path), config.files, lambda runs, columns: runs)
+    new, said = TrainedModel.load(path), read_labels(path)
+    pairs = zip(old.columns, old.thresholds, new.thresholds, strict=True)
+    print(f"\n{table(('threshold of', 'before', 'now'), [(n, f'{a:.4g}', f'{b:.4g}') for n, a, b in pairs])}")
+    runs = labelled_runs(said, old.columns, config.special)
+    before, now = (judge_trained(model, [run for _, run in runs], "").runs for model in (old, new))
+    rows = [
+        (
+            f"{Path(each['file']).name}:{each['run']}",
+            each["label"],
+            f"{each['who']}, {each['when']}",
+            a.verdict,
+            b.verdict,
+        )
+        for (each, _), a, b in zip(runs, before, now, strict=True)
+    ]
+    if rows:
+        print(f"\n{table(('run', 'label', 'said by', 'before', 'now'), rows)}")
+    return 0
+
+
+def _settings(model: TrainedModel, data: Sequence[str], path: Path) -> Training:
+    """Return the settings of the training of a model, on its files or on `data`. Raises ConfigError."""
+    from fame.monitor.data_files import is_bag
+    from fame.monitor.pipeline.join import Join
+    from fame.monitor.pipeline.train import Training
+
+    stored, known = model.conditions.get("settings", {}), {each.name for each in fields(Training)}
+    files = tuple(map(str, data)) or tuple(model.conditions.get("paths", ()))
+    if not files or any(is_bag(Path(each)) for each in files):
+        text = "does not know the tables of its training: expected --data FILE, or fame monitor train as before"
+        raise ConfigError(text, file=str(path))
+    given: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in stored.items() if name in known
+    }
+    given |= {"join": Join(*stored["join"])} if stored.get("join") else {}
+    given |= {"detector": ""} if "chosen" in model.conditions else {}
+    return Training(**{**given, "files": files, "model": str(path)})

@@ -1,0 +1,76 @@
+"""What people say of runs: it stands beside the model, and its next training uses it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from monitor_runs import told, write_runs
+
+from fame.cli import main
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.trained_model import TrainedModel
+
+
+def run(seed: int, shift: float = 0.0) -> Samples:
+    """Two channels; the second has a shift in the middle."""
+    random, stamps = np.random.default_rng(seed), np.arange(60) / 20
+    values = np.sin(stamps[:, None] * [3.0, 5.0]) + 0.1 * random.standard_normal((60, 2))
+    values[20:40, 1] += shift
+    return Samples(values, stamps, ("left", "right"))
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A model of eight runs."""
+    file = write_runs(tmp_path / "runs.csv", [run(seed) for seed in range(8)])
+    words = ["--detector", "pca", "--window", "10", "--false-alarms", "0.2", "-o", str(tmp_path / "m.skops")]
+    assert main(["monitor", "train", "--data", str(file), *words]) == 0
+    return tmp_path / "m.skops"
+
+
+def test_an_alarm_that_was_false_raises_the_thresholds_of_the_next_training(
+    model: Path, capsys: pytest.CaptureFixture[str]
+):
+    later = write_runs(model.with_name("later.csv"), [run(20), run(21, 0.8)])
+    judged = told(capsys, "monitor", "judge", model, later)[1]["runs"]
+    assert [each["verdict"] for each in judged] == ["benign", "anomalous"]
+    before = TrainedModel.load(model).thresholds
+    assert main(["monitor", "label", f"{later}:1", "--benign", "--model", str(model), "--by", "Ada"]) == 0
+    (said,) = json.loads(model.with_name("m.labels.json").read_text()).values()
+    assert (said["label"], said["who"], said["run"], said["file"]) == ("benign", "Ada", "1", str(later))
+    capsys.readouterr()
+    assert main(["monitor", "retrain", str(model)]) == 0  # though this run is unlike the others
+    text = capsys.readouterr().out
+    assert "threshold of" in text
+    assert "later.csv:1" in text
+    assert "Ada" in text
+    assert text.rstrip().endswith("anomalous  benign")
+    again = TrainedModel.load(model)
+    assert again.conditions["runs"] == 9
+    assert again.thresholds[1] > before[1]
+
+
+def test_a_run_that_is_anomalous_trains_no_longer(model: Path, capsys: pytest.CaptureFixture[str]):
+    runs = model.with_name("runs.csv")
+    assert main(["monitor", "label", f"{runs}:3", "--anomalous", "--model", str(model)]) == 0
+    assert main(["monitor", "retrain", str(model)]) == 0
+    assert TrainedModel.load(model).conditions["runs"] == 7
+    assert main(["monitor", "label", f"{runs}:3", "--benign", "--model", str(model)]) == 0  # the last word counts
+    assert main(["monitor", "retrain", str(model)]) == 0
+    assert TrainedModel.load(model).conditions["runs"] == 8
+    capsys.readouterr()
+
+
+def test_what_cannot_be_labelled_or_trained_again_is_said(model: Path, capsys: pytest.CaptureFixture[str]):
+    runs = model.with_name("runs.csv")
+    assert main(["monitor", "label", f"{runs}:8", "--benign", "--model", str(model)]) == 2
+    assert "has no run 8; it has 8, from 0 on" in capsys.readouterr().err
+    model.with_name("m.labels.json").write_text("[1]")
+    assert main(["monitor", "retrain", str(model)]) == 2
+    assert "m.labels.json: is not what fame monitor label writes" in capsys.readouterr().err
+    runs.unlink()
+    assert main(["monitor", "retrain", str(model)]) == 2
+    assert "runs.csv: cannot be read" in capsys.readouterr().err
