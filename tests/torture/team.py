@@ -679,7 +679,7 @@ class Team:
                     self.note(text)
                     asked.add(text)
                 self.said.append(said)
-                robot.excuses += [(said.time, "cancel")] * (answer in ("ready", "started"))
+                robot.excuses += [(said.time, "cancel")] * (answer in ("ready", "started", "refused", "aborted"))
             publish(answer, deployment, reason, *rest, **more)
             self._on_moment(f"{robot.name} {answer}")
 
