@@ -483,7 +483,7 @@ class Team:
 
         def end(goal: ServerGoal) -> None:
             self.refused.pop(goal.id, None)
-            goal.end("succeeded", {})
+            end_goal(goal)
 
         def cancel(goal: ServerGoal) -> bool:
             if self.stubborn and goal.id not in self.refused:
