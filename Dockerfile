@@ -7,7 +7,7 @@ FROM ${BASE} AS build
 RUN apt-get update && apt-get install --yes --no-install-recommends python3-venv && rm -rf /var/lib/apt/lists/*
 WORKDIR /source
 COPY . .
-RUN python3 -m venv /opt/fame && /opt/fame/bin/pip install --no-cache-dir --constraint constraints.txt '.[sim,dds,zenoh,view,metrics]'
+RUN python3 -m venv /opt/fame && /opt/fame/bin/pip install --no-cache-dir --constraint .ci/constraints.txt '.[sim,dds,zenoh,view,metrics]'
 
 FROM ${BASE}
 # hadolint ignore=DL3008

@@ -46,11 +46,11 @@ def test_compose_starts_an_engine_for_each_robot_of_the_world() -> None:
 def test_the_image_has_pinned_versions_of_all_that_it_installs() -> None:
     pinned = dict(
         line.lower().replace("_", "-").split("==")
-        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        for line in (ROOT / ".ci" / "constraints.txt").read_text().splitlines()
         if not line.startswith("#")
     )
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    (extras,) = re.findall(r"--constraint constraints\.txt '\.\[([a-z,]+)\]'", (ROOT / "Dockerfile").read_text())
+    (extras,) = re.findall(r"--constraint \.ci/constraints\.txt '\.\[([a-z,]+)\]'", (ROOT / "Dockerfile").read_text())
     for each in [
         *project["dependencies"],
         *(one for name in extras.split(",") for one in project["optional-dependencies"][name]),
