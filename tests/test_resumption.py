@@ -9,6 +9,7 @@ from datetime import timedelta
 from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any, BinaryIO
+from unittest.mock import Mock
 
 import pytest
 from action_server import DRIVE, Server
@@ -493,6 +494,32 @@ def test_a_signal_leaves_when_it_is_on_the_disk_and_not_before(field: Durable, m
     field.engine.running.deliver("/go", None)
     field.pass_time(1)
     assert order == ["disk", "signal"]
+
+
+def test_a_request_is_answered_when_it_is_on_the_disk_or_the_answer_says_that_it_is_not(
+    field: Durable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field.deploy(MISSION)
+    order: list[str] = []
+    file = field.engine._keeper.recorder.journal._file
+    sync = file.sync
+    with monkeypatch.context() as patched:
+        patched.setattr(file, "sync", lambda: (order.append("disk"), sync()))
+        before = len(field.said)
+        request(field, act="suspend", who="ann@desk")
+        order += [report.answer for report in field.said[before:] if report.answer]
+    assert order == ["disk", "suspended"]
+    journal = field.engine._keeper.recorder.journal
+    with monkeypatch.context() as patched:
+        for name in ("append", "begin_segment"):
+            patched.setattr(journal, name, Mock(side_effect=OSError(ENOSPC, "No space left on device")))
+        request(field, act="continue", who="ann@desk")
+        request(field, act="suspend", who="ann@desk")
+        answers = [(report.answer, report.reason) for report in field.said if report.answer]
+    assert answers[-1] == (
+        "suspended",
+        "it is lost in a crash before its state can be written: No space left on device",
+    )
 
 
 def test_a_signal_that_may_not_have_left_is_sent_again(field: Durable) -> None:

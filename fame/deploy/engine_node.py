@@ -194,7 +194,7 @@ class EngineNode:
         self._tasks = TaskServer(
             self.node,
             lambda: self.running,
-            self.status.publish,
+            self._answer_task,
             self._verifier.verify_task,
             refuse=self._refuse_task,
             now=lambda: self.scheduler.now / SECOND,
@@ -203,6 +203,17 @@ class EngineNode:
             LogServer(self.node, self.robot, self._options.recordings, self._verifier.verify_request)
         self._resume()
         self.status.begin()
+
+    def _answer_task(self, answer: str, id: str, reason: str = "", *, cause: str = "") -> None:
+        """Answer a request once what it did is on the disk, or say that it is not."""
+        recorder = self.running.host.recorder if self.running is not None and answer != "refused" else None
+        if recorder is not None and self._trouble:
+            lost = f"it is lost in a crash before its state can be written: {self._trouble}"
+            self.status.publish(answer, id, "; ".join(filter(None, (reason, lost))), cause=cause)
+        elif recorder is not None:
+            recorder.once_written(partial(self.status.publish, answer, id, reason, cause=cause))
+        else:
+            self.status.publish(answer, id, reason, cause=cause)
 
     def _watch_reports(self) -> Callable[[Report], None]:
         """What passes reports on, also to ``/diagnostics`` if somebody wants it."""
