@@ -39,7 +39,9 @@ def test_help_is_one_screen_with_all_commands_in_groups(capsys) -> None:
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 100
     rooms = lines.index("of parts that an installation may lack:")
-    parts = [part.split() for line in lines[rooms + 1 : -3] for part in line.partition(":")[0].split(";")]
+    parts = [
+        part.replace("|", " | ").split() for line in lines[rooms + 1 : -3] for part in line.partition(":")[0].split(";")
+    ]
     assert {words[0] for words in parts} == {"view", "edit", "diff", "test", "monitor", "topic", "param", "router"}
     core = [line.split() for line in lines[:rooms] if line.startswith(" ")]
     commands = [words[:1] if words[0] == "log" or words[1][0].isupper() else words for words in core]

@@ -10,6 +10,7 @@ import pytest
 
 from fame.cli import main
 from fame.errors import ConfigError
+from fame.monitor.calibration import calibrate
 from fame.monitor.model_card import card_of
 from fame.monitor.pipeline.compare import REPEATED, Compared, compare
 from fame.monitor.pipeline.faults import CASES, FAULTS, faulty
@@ -71,12 +72,14 @@ def test_without_a_word_the_detector_that_finds_the_most_is_taken_and_the_card_s
     assert "% of 8 (0.25 deviations); " in card_of(model)["Would be found"]["offset"]
 
 
-def test_several_detectors_count_by_the_thresholds_that_each_has_alone():
+def test_several_detectors_count_by_the_thresholds_that_each_has_at_its_part_of_the_rate():
     runs = [_repeating(seed) for seed in range(8)]
     config = Training(window=10, folds=2, false_alarms="0.2 per run", detector="any of phase, knn")
     both = fit(runs, config)
-    single = [fit(runs, replace(config, detector=name, false_alarms="0.05 per run")) for name in ("phase", "knn")]
-    assert np.allclose(both.detector.usual, [model.calibration.thresholds for model in single])
+    single = [fit(runs, replace(config, detector=name)).calibration for name in ("phase", "knn")]
+    among = both.calibration.among
+    assert among > max(each.among for each in single)  # either may raise the alarm
+    assert np.allclose(both.detector.usual, [calibrate(each.scores, 0.2, 1.0, among).thresholds for each in single])
 
 
 @pytest.mark.parametrize("kind", FAULTS)

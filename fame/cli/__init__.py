@@ -195,7 +195,7 @@ def _room_lines() -> Iterator[str]:
     """A line for each room that has commands."""
     for room, about in ROOMS.items():
         parts = _of_room(room)
-        names = [f"monitor {' | '.join(parts.pop('monitor'))}"] if parts["monitor"] else []
+        names = [f"monitor {'|'.join(parts.pop('monitor'))}"] if parts["monitor"] else []
         names += [name for commands in parts.values() for name in commands]
         if names:
             yield f" {'; '.join(names)}: {about.about}"
