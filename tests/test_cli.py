@@ -27,7 +27,7 @@ def fame(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
     )
 
 
-MONITORS = ("record", "train", "process", "judge", "model", "adm")
+MONITORS = ("record", "train", "process", "judge", "model", "label", "retrain", "adm")
 LOGS = ("record", "convert", "merge", "judge")
 
 
