@@ -47,7 +47,7 @@ class PageContent(NamedTuple):
     def mission(self, mission: Mapping[str, Any], counts: Counter[ContentEntry]) -> dict[str, Any]:
         """Return what is left of what a page receives first: nothing to control, and what is not there is said."""
         left = {"form", *(("script", "condition") if "scripts" in self.without else ())}
-        elements = [{key: each[key] for key in each.keys() - left} for each in mission["elements"]]
+        elements = [{key: each[key] for key in each if key not in left} for each in mission["elements"]]
         chips = [[text, cls, "" if self._hides(text) else about] for text, cls, about in mission["chips"]]
         said = [f"Not in this file: {', '.join(sorted(self.without))}."] if self.without else []
         if self.span:
@@ -83,6 +83,12 @@ def chosen(words: Iterable[str], counts: Counter[ContentEntry]) -> frozenset[str
     return frozenset(words)
 
 
+def is_left_out(entry: ContentEntry, without: Collection[str]) -> bool:
+    """Return whether an entry is left out: by its kind, or as a topic by its name."""
+    kind, name = entry
+    return kind in without or (kind == "messages" and name in without)
+
+
 def often(counts: Counter[ContentEntry], span: int, length: int) -> frozenset[ContentEntry]:
     """Return the entries that change more often than once in a span of a run (ns)."""
     kinds = ("variables", "messages", "world")
@@ -113,7 +119,7 @@ def _leave_out(block: dict[str, Any], without: Collection[str]) -> None:
         block[name] = []
         if name in key:
             key[name] = type(key[name])()
-    block["messages"] = [row for row in block["messages"] if row[1] not in without]
+    block["messages"] = [row for row in block["messages"] if not is_left_out(("messages", row[1]), without)]
     if "log" in without:
         kept = [at for at, what in enumerate(block["w"]) if what < _LOG]
         block["d"] = {str(new): block["d"][str(at)] for new, at in enumerate(kept) if str(at) in block["d"]}

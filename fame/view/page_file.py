@@ -21,7 +21,7 @@ from typing import Any
 
 from fame.fast_json import json_bytes, json_value
 from fame.text import write_file
-from fame.view.page_content import SPANS, ContentEntry, PageContent, chosen, count, listing, often
+from fame.view.page_content import SPANS, ContentEntry, PageContent, chosen, count, is_left_out, listing, often
 from fame.view.replay import Replay
 
 SIZE = 25e6
@@ -51,7 +51,7 @@ def write_page(
     mission, numbers = replay.mission(), range(len(replay.blocks))
     counts = count(_block(replay, number) for number in numbers)
     left_out = chosen(without, counts)
-    counts = Counter({entry: by for entry, by in counts.items() if not left_out & {*entry}})
+    counts = Counter({entry: by for entry, by in counts.items() if not is_left_out(entry, left_out)})
     for content in _thinner(PageContent(left_out), replay, counts, size):  # one at least
         parts = [*_parts(replay, content, content.mission(mission, counts))]
         page = _page(mission["title"], parts, len(mission["planes"]) + 2)
