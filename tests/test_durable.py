@@ -52,12 +52,20 @@ LOOP = (
     '<multiInstanceLoopCharacteristics isSequential="{}"><loopCardinality>3</loopCardinality>'
     "</multiInstanceLoopCharacteristics>"
 )
+ONCE = LOOP.format("true").replace("3", "1")
 
 MODELS: dict[str, tuple[str, list[Step]]] = {
     "tasks of people and scripts": (
         start() + script("a", "x = 1\nitems = [x]") + user("u") + script("b", "items.append(x + y)") + user("v") + end()
         + path("s a u b v e"),
         [Until(1), done("u", y=2), Until(2), done("v")],
+    ),
+    "variables that scripts delete": (
+        start() + script("a", "x = y = loopCounter = 9") + user("u") + script("b", "del x") + user("v")
+        + script("c", "del y\nx = 2") + sub("p", ONCE + start("ps") + user("w") + script("d", "del loopCounter")
+        + user("m") + script("k", "seen = loopCounter") + end("pe") + path("ps w d m k pe")) + end()
+        + path("s a u b v c p e"),
+        [Until(1), done("u"), Until(2), done("v"), Until(3), done("w"), Until(4), done("m")],
     ),
     "timers": (
         start() + script("a", "n = 0") + catch("c", timer("PT5S")) + user("u") + end() + path("s a c u e")
@@ -201,3 +209,10 @@ def test_an_element_that_completed_often_is_counted_after_the_end_too(tmp_path: 
     loop = start() + script("zero", "n = 0") + script("a", "n += 1") + gateway("exclusive", "x", default="x_e") + end()
     content = loop + path("s zero a x e") + flow("x", "a", "n < 300")
     assert resumed(content, tmp_path).visits()["a"] == 300
+
+
+def test_variables_that_begin_with_two_underscores_are_not_stored(tmp_path: Path) -> None:
+    run = resumed(start() + script("a", "__number = 1\n__items = [1]\nx = 1") + user("u") + path("s a u"), tmp_path)
+    run.close()
+    (values,) = [each["set"]["values"] for each in read_segment(*tmp_path.glob("journal-*")).records()]
+    assert values == {"0 x": 1}

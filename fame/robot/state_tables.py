@@ -212,15 +212,19 @@ class _VariableTable:
 
     def _note_dict(self, number: int, values: TableRows, gone: list[str]) -> None:
         variables, known = self._dicts[number], self._known.setdefault(number, {})
+        left_out = 0
         for name, value in variables.items():
             old = known.get(name)
-            if value.__class__ in _ATOMS:
+            if old is None and name.startswith("__"):
+                left_out += 1
+            elif value.__class__ in _ATOMS:
                 if old is None or old[0].__class__ is not value.__class__ or old[0] != value:
                     known[name], values[f"{number} {name}"] = (value, None), value
-            elif not name.startswith("__"):
+            else:
                 self._note_value(f"{number} {name}", name, value, known, values)
-        if len(known) != len(variables):
-            for name in [name for name in known if name not in variables]:
+        if len(known) + left_out != len(variables):
+            own = variables.keys()  # `in variables` would find outer ones of the same name
+            for name in [name for name in known if name not in own]:
                 del known[name]
                 gone.append(f"{number} {name}")
 
