@@ -286,6 +286,38 @@ def test_parameters_are_mappings() -> None:
     )
 
 
+def parameter(content: str) -> str:
+    inside = f'<inputOutput><inputParameter name="p">{content}</inputParameter></inputOutput>'
+    return extensions(inside.replace("<", "<camunda:").replace("<camunda:/", "</camunda:"))
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("<map><entry key='a'><list><value>1</value><value>2</value></list></entry></map>", "{a: [1, 2]}"),
+        ("<list><list><value>${x}</value></list><value>3</value></list>", "[[${x}], 3]"),
+        ("<list><map><entry key='a'><map/></entry></map></list>", "[{a: {}}]"),
+    ],
+)
+def test_lists_and_maps_may_be_nested(content: str, text: str) -> None:
+    io = task_of(parameter(content)).io
+    assert io is not None
+    assert io.inputs == (Assignment("p", payload(text)),)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "<list><script>1+2</script></list>",
+        "<map><entry key='a'><value>1</value><value>2</value></entry></map>",
+        "<list><value>1</value></list><list><value>2</value></list>",
+    ],
+)
+def test_what_a_parameter_cannot_hold_is_refused(content: str) -> None:
+    error = refused(process(f'<scriptTask id="t">{parameter(content)}<script>pass</script></scriptTask>'))
+    assert "expected text, or one" in error.text
+
+
 def test_what_goes_into_and_out_of_a_call() -> None:
     call = call_of(
         extensions(
@@ -392,6 +424,48 @@ def test_what_has_no_effect_is_noted() -> None:
         "camunda:executionListener is not run: FAME has no listeners",
     ]
     assert {note.element for note in definitions.notes} == {"t"}
+
+
+@pytest.mark.parametrize(
+    ("attributes", "inside", "said"),
+    [
+        ('camunda:candidateUzers="ann"', "", "camunda:candidateUzers is not read; did you mean candidateUsers?"),
+        (
+            'camunda:calledElementBinding="version"',
+            "",
+            "camunda:calledElementBinding='version' has no effect: the process that is there is called, in any version",
+        ),
+        (
+            "",
+            '<camunda:in variables="all" local="true"/>',
+            "local of camunda:in has no effect: variables of enclosing scopes count, too",
+        ),
+    ],
+)
+def test_what_would_mean_something_else_is_a_warning(attributes: str, inside: str, said: str) -> None:
+    text = process(f'<callActivity id="c" calledElement="P" {attributes}>{extensions(inside)}</callActivity>')
+    assert [(note.level, note.text) for note in read_text(text).notes] == [("warning", said)]
+
+
+@pytest.mark.parametrize(
+    ("people", "users", "expressions"),
+    [
+        ("alice,${boss}", ("alice",), ["${boss}"]),
+        ("${f(a, b)}, bob, #{c}", ("bob",), ["${f(a, b)}", "#{c}"]),
+        ("mr-${name}", (), ["mr-${name}"]),
+        ("=a, b", (), ["=a, b"]),
+    ],
+)
+def test_an_expression_among_people_is_left_out_with_a_warning(
+    people: str, users: tuple[str, ...], expressions: list[str]
+) -> None:
+    definitions = read_text(process(f'<userTask id="t" camunda:candidateUsers="{people}"/>'))
+    (task,) = definitions.processes[0].body.nodes
+    assert isinstance(task, Task)
+    assert task.human is not None
+    assert task.human.users == users
+    text = "candidateUsers={!r} has no effect: expected names, not an expression"
+    assert notes_of(definitions) == [text.format(expression) for expression in expressions]
 
 
 def test_who_may_complete_a_task_and_its_form_are_read_in_both_dialects() -> None:

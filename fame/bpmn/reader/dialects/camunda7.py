@@ -5,8 +5,10 @@ Activiti, its predecessor, and Flowable use the same names in their own namespac
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Set
 from dataclasses import replace
+from difflib import get_close_matches
 
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
@@ -16,6 +18,7 @@ from fame.bpmn.reader.expressions import (
     code_expression,
     flow_mapping,
     flow_sequence,
+    has_placeholders,
     mapping_source,
     variable_or_expression,
 )
@@ -26,8 +29,11 @@ IGNORED: Set[str] = {
     "candidateStarterUsers", "candidateStarterGroups", "potentialStarter",
     "dueDate", "followUpDate", "priority", "asyncBefore", "asyncAfter", "async", "jobPriority",
     "taskPriority", "failedJobRetryTimeCycle", "initiator", "field", "variableEvents", "variableName",
+    "calledElementVersion", "calledElementVersionTag", "calledElementTenantId",
 }  # fmt: skip
-"""Names without effect in FAME; each gets a note, except `historyTimeToLive`, which the modeler always writes."""
+"""Names without effect in FAME; each gets a note. `historyTimeToLive`, which the modeler always writes, gets none."""
+_SIMILARITY = 0.9
+"""Minimal similarity (difflib ratio) of an unknown attribute and the one that is meant."""
 _NO_JAVA = "FAME does not run Java: use a script task, or name a registered operation"
 _VENDOR_TASK = "it is a vendor-specific task of type {}; use a script task, or name a registered operation"
 REFUSED: Mapping[str, str] = {
@@ -77,20 +83,33 @@ def attribute(context: Context, node: Node, name: str, value: str, extensions: E
         extensions.script = code_expression(context, node, value.strip(), None, line_of(node))
     elif name == "dueDate" and value.strip().startswith("P"):  # a duration; a date is for those who plan
         extensions.properties.setdefault("deadline", Property(value.strip(), line_of(node)))
+    elif name == "calledElementBinding" and value.strip() in ("version", "versionTag"):
+        text = f"{_prefixed(node, name)}={value!r} has no effect: the process that is there is called, in any version"
+        context.note(node, text, "warning")
     elif name in IGNORED:
         context.note(node, f"{_prefixed(node, name)} has no effect")
+    else:
+        meant = get_close_matches(name, SHARED_ATTRIBUTES | IGNORED, n=1, cutoff=_SIMILARITY)
+        if meant:
+            context.note(node, f"{_prefixed(node, name)} is not read; did you mean {meant[0]}?", "warning")
 
 
 PEOPLE = ("assignee", "candidateUsers", "candidateGroups")
 
 
 def add_people(context: Context, node: Node, extensions: Extensions, name: str, value: str) -> None:
-    """Add those who may complete a task: names with commas. An expression is not evaluated."""
-    if value.strip().startswith(("=", "$", "#")):
-        context.note(node, f"{name}={value!r} has no effect: expected names, not an expression", "warning")
-        return
+    """Add those who may complete a task: names with commas. Expressions are not evaluated; each gets a warning."""
     people = extensions.groups if name == "candidateGroups" else extensions.users
-    people.extend(filter(None, map(str.strip, value.split(","))))
+    value = value.strip()
+    for part in filter(None, map(str.strip, [value] if value.startswith("=") else _COMMA.split(value))):
+        if part.startswith("=") or has_placeholders(part):
+            context.note(node, f"{name}={part!r} has no effect: expected names, not an expression", "warning")
+        else:
+            people.append(part)
+
+
+_COMMA = re.compile(r",(?![^{}]*\})")
+"""A comma outside ``${...}``."""
 
 
 def _form_data(context: Context, node: Node, extensions: Extensions) -> None:
@@ -133,7 +152,7 @@ def _input_output(context: Context, node: Node, extensions: Extensions) -> None:
             if any(each.target == name for each in into):
                 context.note(child, f"sets {name!r} twice: only the last one counts", "warning")
             into.append(Assignment(name, source))
-        if not outwards and len(child) and local_name(child[0]) == "list":
+        if not outwards and len(child) and local_name(child[0]) == "list" and not any(map(len, child[0])):
             extensions.lists[name] = [Property(text_of(value), line_of(value)) for value in child[0]]
     inputs, written = {each.target for each in extensions.inputs}, set[str]()
     for place, mapping in enumerate(extensions.outputs):
@@ -148,20 +167,33 @@ def _parameter(context: Context, node: Node) -> Expression | None:
         return mapping_source(text_of(node), line_of(node))
     content = node[0]
     kind, line = local_name(content), line_of(content)
-    if kind == "script":
+    if len(node) == 1 and kind == "script":
         return code_expression(context, content, text_of(content).strip(), content.get("scriptFormat"), line)
-    if kind == "list":
-        return Expression(flow_sequence(text_of(value) for value in content), "payload", line)
-    if kind == "map":
-        return Expression(flow_mapping((value.get("key", ""), text_of(value)) for value in content), "payload", line)
-    context.fault(content, f"<{kind}> in a parameter: expected text, script, list or map")
+    if len(node) == 1 and kind in ("list", "map"):
+        return Expression(_flow(context, content), "payload", line)
+    context.fault(content, f"<{kind}> in a parameter: expected text, or one script, list or map")
     return None
+
+
+def _flow(context: Context, node: Node) -> str:
+    """A list, map, value or entry as flow-style YAML. Anything else in a list or map is a fault."""
+    kind = local_name(node)
+    if kind == "list":
+        return flow_sequence([_flow(context, each) for each in node])
+    if kind == "map":
+        return flow_mapping([(each.get("key", ""), _flow(context, each)) for each in node])
+    if kind == "entry" and len(node) == 1:
+        return _flow(context, node[0])
+    if kind not in ("value", "entry") or len(node):
+        context.fault(node, f"<{kind}> in a list or map: expected text, or one list or map")
+    return text_of(node)
 
 
 def _in(context: Context, node: Node, extensions: Extensions) -> None:
     if node.get("businessKey") is not None:
         context.note(node, "a business key has no effect")
         return
+    _note_local(context, node)
     extensions.own_scope = True
     if node.get("variables") == "all":
         extensions.all_in = True
@@ -169,7 +201,14 @@ def _in(context: Context, node: Node, extensions: Extensions) -> None:
         _copy(context, node, extensions.inputs)
 
 
+def _note_local(context: Context, node: Node) -> None:
+    if node.get("local", "").strip().lower() == "true":
+        text = f"local of {_prefixed(node, local_name(node))} has no effect: variables of enclosing scopes count, too"
+        context.note(node, text, "warning")
+
+
 def _out(context: Context, node: Node, extensions: Extensions) -> None:
+    _note_local(context, node)
     extensions.own_scope = True
     if node.get("variables") == "all":
         extensions.all_out = True
