@@ -7,10 +7,10 @@ from argparse import Namespace
 from contextlib import suppress
 from pathlib import Path
 
-from fame.cli.arguments import Commands, add_library, command
+from fame.cli.arguments import Commands, add_from_room, add_library, command
 from fame.cli.output import note
-from fame.cli.view import add_address, serving
 from fame.errors import ConfigError
+from fame.rooms import VIEW_ADDRESS, VIEW_SERVING, load
 from fame.text import unreadable
 
 _EXAMPLES = (
@@ -37,7 +37,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--modeler", type=Path, metavar="FILE.tgz", help="take the library from this file, which npm pack makes"
     )
-    add_address(parser)
+    add_from_room(parser, VIEW_ADDRESS)
     add_library(parser)
 
 
@@ -62,7 +62,7 @@ def run(arguments: Namespace) -> int:
 
     with (
         ModelEdit(arguments.subject, installed(), arguments.library) as source,
-        serving(source, arguments),
+        load(VIEW_SERVING)(source, arguments),
         suppress(KeyboardInterrupt),
     ):
         note("The page stays until Ctrl-C.")

@@ -184,7 +184,7 @@ def calibrate(
     runs = len(scores)
     _, promised, factor = _promise(runs, rate, margin)
     among = among or independent(scores)
-    limits = np.ones(scores.shape[1]) if len(parts) else _exceeded(scores, (promised or 1 / (runs + 1)) / among)
+    limits = np.ones(scores.shape[1]) if len(parts) else _exceeded(scores, max(promised or 0.0, 1 / (runs + 1)) / among)
     few = promised is None and margin is None
     limits = np.maximum(limits, MARGIN * scores.max(axis=0)) if few else factor * limits
     levels, deviations = _log_scale(scores)
