@@ -10,19 +10,35 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from fame.monitor.pipeline.processor import ActiveElements, Samples
 
 FEWEST = 4
 """Runs below which no order is learned."""
-LONGER = 3.0
-"""A visit is too long, or too short, if it lies beyond the training's by this many times their range, at least by the
-share `LEAST` of the longest."""
-LEAST = 0.5
+_SLACK_OF_RANGE, _SLACK_OF_LONGEST = 3.0, 0.5
+"""A visit is too long or too short if it lies beyond the training's by more than this many of their range, and by more
+than this share of their longest."""
 
 Visits = list[tuple[str, float, float]]
 """Element, begin (s), and how long it lasted (s)."""
+
+
+class OrderFault(NamedTuple):
+    """What is wrong with a run. What it is about stays the same while the run goes on; the text may not.
+
+    kind     new, left out, times, order or time
+    visit    the visit of the run, from 1; 0: none in particular
+    """
+
+    kind: str
+    element: str
+    visit: int
+    text: str
+
+    @property
+    def about(self) -> tuple[str, str, int]:
+        return self.kind, self.element, self.visit
 
 
 def visits(run: Samples) -> Visits:
@@ -53,21 +69,25 @@ def learned(runs: Sequence[Samples]) -> dict[str, Any]:
 
 def judged(run: Samples, usual: dict[str, Any]) -> list[str]:
     """Return what is wrong with the order of a run's elements, in sentences; nothing without elements or an order."""
-    return faults(visits(run), usual) if usual and run.elements else []
+    return [fault.text for fault in faults(visits(run), usual)] if usual and run.elements else []
 
 
-def faults(seen: Visits, usual: dict[str, Any], *, ended: bool = True) -> list[str]:
+def faults(seen: Visits, usual: dict[str, Any], *, ended: bool = True) -> list[OrderFault]:
     """Return what is wrong with the visits of a run; before it has `ended`, what is certain already."""
     count, pairs = Counter(name for name, *_ in seen), {(a, b) for a, b in usual["pairs"]}
-    coming = set() if ended or not seen else _later(seen[-1][0], pairs)
-    often = usual["often"].items()
-    found = [f"{name} was left out" for name, (least, _) in often if least and not count[name] and name not in coming]
+    coming = set() if ended else _later(seen[-1][0] if seen else "", pairs)
+    found = [
+        OrderFault("left out", name, 0, f"{name} was left out")
+        for name, (least, _) in usual["often"].items()
+        if least and not count[name] and name not in coming
+    ]
     for name, number in count.items():
         least, most = usual["often"].get(name, [0, 0])
         if not most:
-            found.append(f"{name} is new: no training run had it")
+            found.append(OrderFault("new", name, 0, f"{name} is new: no training run had it"))
         elif number > most or (number < least and name not in coming):
-            found.append(f"{name} came {number} times; in training {least if least == most else f'{least} to {most}'}")
+            in_training = least if least == most else f"{least} to {most}"
+            found.append(OrderFault("times", name, 0, f"{name} came {number} times; in training {in_training}"))
     wrong = [] if found else list(_wrong_order(seen, pairs, ended))
     return [*found, *wrong, *_wrong_times(seen, usual["lasts"], ended)]
 
@@ -80,32 +100,35 @@ def _later(name: str, pairs: set[tuple[str, str]]) -> set[str]:
     return found
 
 
-def _wrong_order(seen: Visits, pairs: set[tuple[str, str]], ended: bool) -> Iterator[str]:
+def _wrong_order(seen: Visits, pairs: set[tuple[str, str]], ended: bool) -> Iterator[OrderFault]:
     names = ["", *(name for name, *_ in seen), *([""] if ended else [])]
-    for before, after in pairwise(names):
-        if (before, after) not in pairs:
-            if not before:
-                yield f"the run began with {after}"
-            elif not after:
-                yield f"the run ended with {before}"
-            else:
-                yield f"{after} came after {before}"
+    for number, (before, after) in enumerate(pairwise(names), start=1):
+        if (before, after) in pairs:
+            continue
+        text = f"{after} came after {before}"
+        if not before:
+            text = f"the run began with {after}" if after else "the run had no element"
+        elif not after:
+            text = f"the run ended with {before}"
+        yield OrderFault("order", after, number, text)
 
 
-def _wrong_times(seen: Visits, lasts: dict[str, list[float]], ended: bool) -> Iterator[str]:
-    """Say which visits lasted too long or too short; not the first and the last, which a recording may cut. The last
+def _wrong_times(seen: Visits, lasts: dict[str, list[float]], ended: bool) -> Iterator[OrderFault]:
+    """Yield which visits lasted too long or too short; not the first and the last, which a recording may cut. The last
     one of a run that has not ended may be too long already."""
     for number, (name, _, long) in enumerate(seen[1 : -1 if ended else None], start=2):
         if name in lasts:
             least, most = lasts[name]
-            slack = max(LONGER * (most - least), LEAST * most)
+            slack = max(_SLACK_OF_RANGE * (most - least), _SLACK_OF_LONGEST * most)
             lasting = number == len(seen)
             if long > most + slack or (long < least - slack and not lasting):
-                yield f"{name} lasted {long:.3g} s; in training {least:.3g} to {most:.3g} s"
+                text = f"{name} lasted {long:.3g} s; in training {least:.3g} to {most:.3g} s"
+                yield OrderFault("time", name, number, text)
 
 
 class OrderWatch:
-    """Judges the order of elements while they change, each run by itself: a fault is told once, when it is certain.
+    """Judges the order of elements while they change, each run by itself: a fault is told once, when it is certain. How
+    often an element comes is one fault of a run; each visit in a wrong order, or of a wrong time, is one.
 
     A run ends when no element is active; without such a pause, when one that runs begin with comes again, or after one
     that runs end with. A run whose begin was not seen is judged only if it begins as the training runs do.
@@ -116,7 +139,7 @@ class OrderWatch:
         self._pairs = {(a, b) for a, b in usual["pairs"]}
         self._taken: tuple[float, str] | None = None  # the last change
         self._seen: Visits = []
-        self._told = set[str]()
+        self._told = set[tuple[str, str, int]]()
         self._whole = True  # all of this run was seen
 
     def feed(self, changes: ActiveElements, now: float, lost: float) -> list[tuple[float, str]]:
@@ -158,10 +181,9 @@ class OrderWatch:
         self._seen[-1] = name, begin, stamp - begin
 
     def _new(self, stamp: float, *, ended: bool) -> list[tuple[float, str]]:
-        texts = faults(self._seen, self._usual, ended=ended) if self._whole else []
-        found = {text.partition(" lasted ")[0]: text for text in texts}  # how long it lasts grows
-        new = [(stamp, text) for key, text in found.items() if key not in self._told]
-        self._told |= found.keys()
+        found = faults(self._seen, self._usual, ended=ended) if self._whole else []
+        new = [(stamp, fault.text) for fault in found if fault.about not in self._told]
+        self._told.update(fault.about for fault in found)
         return new
 
 
