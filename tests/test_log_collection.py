@@ -59,7 +59,8 @@ def test_a_robot_that_does_not_answer_is_given_up(field: Field):
         source(field).files()
 
 
-def test_with_keys_only_who_signs_is_answered(tmp_path: Path, field: Field):
+@pytest.mark.parametrize("unsigned_tasks", [False, True])
+def test_with_keys_only_who_signs_is_answered(tmp_path: Path, field: Field, unsigned_tasks: bool):
     pytest.importorskip("cryptography", reason="cryptography is not installed: pip install 'fame-robots[dds]'")
     import time
 
@@ -67,7 +68,8 @@ def test_with_keys_only_who_signs_is_answered(tmp_path: Path, field: Field):
 
     field.engines["A"].close()
     secret, public = new_keys(tmp_path / "team")
-    engine = field.add("A", recordings=tmp_path / "log", trusted=read_trusted([public]), wall_time=time.time)
+    options = {"recordings": tmp_path / "log", "trusted": read_trusted([public]), "wall_time": time.time}
+    engine = field.add("A", **options, unsigned_tasks=unsigned_tasks)
     with pytest.raises(DeploymentError, match="not signed"):
         source(field).files()
     assert source(field, read_private(secret), engine.born).files()

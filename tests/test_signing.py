@@ -17,6 +17,7 @@ from fame.cli import main
 from fame.deploy import STRING
 from fame.deploy.authentication import ReportReader
 from fame.deploy.fields import values
+from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import FRESH, Identity, new_keys, read_private, read_trusted, sign, verify
 from fame.errors import ConfigError
@@ -93,6 +94,15 @@ def test_the_bytes_of_a_signed_request_do_nothing_when_they_are_sent_again_as_lo
     field.pass_time(2 * FRESH)
     ask("much later", act="note", to="there")
     assert len(engine._tasks._answers) < 110
+
+
+@pytest.mark.parametrize("signed", [("A", 5, NOW), ("B", 5, NOW), ("A", 4, NOW), ("A", 5, NOW - 86_400)])
+def test_where_tasks_need_not_be_signed_a_replayed_signature_names_nobody(keys, signed):
+    verifier = RequestVerifier("A", 5, keys[1], lambda: NOW, unsigned_tasks=True)
+    robot, born, now = signed
+    signer = verifier.verify_task(TaskRequest(id="r", element="t").signed(robot, keys[0], born=born, now=now))
+    assert bool(signer) is (signed == ("A", 5, NOW))
+    assert verifier.verify_task(TaskRequest(id="r", element="t")) == ""
 
 
 def test_a_key_that_is_not_trusted_does_not_count(keys, tmp_path):

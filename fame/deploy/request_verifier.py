@@ -1,4 +1,4 @@
-"""Verification of what an engine is asked to do: deployments, and requests on its tasks; and of its namesakes."""
+"""Verification of what an engine is asked for: deployments, requests on its tasks, recordings; and of its namesakes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class RequestVerifier:
     """Verifies the signatures of requests to the engine of `robot`, which started at `born` (ns since 1970).
 
     trusted         public keys; without any, nothing need be signed
-    unsigned_tasks  requests on tasks need not be signed
+    unsigned_tasks  requests on tasks need not be signed; all others must be
     wall_time       gives s since 1970
     """
 
@@ -34,8 +34,7 @@ class RequestVerifier:
     ) -> None:
         self.robot: str = robot
         self.born: int = born
-        self._trusted, self._wall_time = trusted, wall_time
-        self._task_signers = () if unsigned_tasks else trusted
+        self._trusted, self._wall_time, self._unsigned_tasks = trusted, wall_time, unsigned_tasks
 
     def verify_deployment(self, envelope: Envelope) -> None:
         """Raise DeploymentError unless a trusted key signed it; another robot asks with what its own sender signed."""
@@ -52,17 +51,22 @@ class RequestVerifier:
             raise DeploymentError("asks about another deployment than the signed one", cause="signature")
 
     def verify_task(self, request: TaskRequest) -> str:
-        """Return the fingerprint of the key that signed a request.
+        """Return the fingerprint of the key that signed a request; empty for one that counts as unsigned.
 
-        Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
+        Raises DeploymentError if keys are used and it was not signed for this robot, unless it need not be signed.
         """
-        self.verify_request(request)
+        try:
+            self.verify_request(request)
+        except DeploymentError:
+            if self._unsigned_tasks:
+                return ""  # anybody may replay a signature, or sign with another key
+            raise
         return self._signer(request)
 
     def verify_request(self, request: TaskRequest | LogRequest) -> None:
-        """Raise DeploymentError if keys are used and a request was not signed for this robot."""
-        if self._task_signers:
-            verify(fields.values(request), self._task_signers, self._wall_time(), self.born)
+        """Raise DeploymentError if keys are used and a request was not signed, not long ago, for this robot."""
+        if self._trusted:
+            verify(fields.values(request), self._trusted, self._wall_time(), self.born)
             if request.robot != self.robot:
                 raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}", cause="robot")
 
