@@ -22,7 +22,7 @@ import pytest
 pytest.importorskip("cyclonedds")
 
 from cyclonedds import builtin
-from cyclonedds.core import Entity
+from cyclonedds.core import DDSException, Entity, GuardCondition
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
@@ -259,6 +259,29 @@ def test_participants_that_discover_at_the_same_time_do_not_mix_up_what_they_see
 def test_a_version_of_cyclonedds_without_what_is_used_is_refused_by_name() -> None:
     with pytest.raises(UnavailableError, match=r"cyclonedds \S+ has no Entity._gone: pip install cyclonedds==11.0.1"):
         cyclone.check_version(((Entity, ("__del__", "_gone")),))
+
+
+def test_a_reader_of_discovery_without_the_conversion_that_is_replaced_is_refused(stranger: DomainParticipant) -> None:
+    reader = builtin.BuiltinDataReader(stranger, builtin.BuiltinTopicDcpsParticipant)
+    del reader._cqos_conv
+    with pytest.raises(UnavailableError, match=r"cyclonedds \S+ has no BuiltinDataReader._cqos_conv"):
+        cyclone.read_policies(reader)
+
+
+def test_a_wait_set_raises_for_an_entity_that_is_deleted_or_not_attached(stranger: DomainParticipant) -> None:
+    waitset = cyclone.KeyedWaitSet(stranger)
+    deleted, other = GuardCondition(stranger), GuardCondition(stranger)
+    cyclone.delete(deleted)
+    with pytest.raises(DDSException, match="attaching to a wait set"):
+        waitset.attach(deleted, 1)
+    with pytest.raises(DDSException, match="detaching from a wait set"):
+        waitset.detach(other)
+    waitset.attach(other, 2)
+    other.set(True)
+    assert waitset.wait(0) == [2]
+    waitset.detach(other)
+    assert waitset.wait(0) == []
+    waitset.close()
 
 
 # ---- what goes wrong -------------------------------------------------------------------------------------------------

@@ -8,7 +8,8 @@
 `delete`            it deletes an entity when Python does; a writer that somebody still holds stays visible to others
 ==================  ==================================================================================================
 
-`benchmarks/cyclone.py` measures the first two. A version that lacks what is used here is refused when this is imported.
+`benchmarks/cyclone.py` measures the first two. A version that lacks what is used here is refused when this is imported;
+of a reader of discovery, when it is made.
 """
 
 from __future__ import annotations
@@ -37,12 +38,18 @@ _USED: tuple[tuple[Any, tuple[str, ...]], ...] = (
     (_CQos, ("_get_reliability", "_get_durability", "_get_liveliness", "_get_deadline", "_get_userdata", "free")),
     (WaitSet, ("_waitset_attach", "_waitset_detach", "_waitset_wait")),
     (Entity, ("__del__",)),
+    (dds_c_t, ("reliability", "durability", "liveliness", "duration")),
 )
 
 
 def check_version(used: tuple[tuple[Any, tuple[str, ...]], ...] = _USED) -> None:
-    """Raise UnavailableError if cyclonedds lacks something that is used here."""
-    lacking = [f"{owner.__name__}.{name}" for owner, names in used for name in names if not hasattr(owner, name)]
+    """Raise UnavailableError if cyclonedds lacks something that is used here: names of classes or objects."""
+    lacking = [
+        f"{getattr(owner, '__name__', type(owner).__name__)}.{name}"
+        for owner, names in used
+        for name in names
+        if not hasattr(owner, name)
+    ]
     if lacking:
         text = f"cyclonedds {version('cyclonedds')} has no {', '.join(lacking)}: pip install cyclonedds==11.0.1"
         raise UnavailableError(text)
@@ -87,7 +94,8 @@ def _seconds(time: int) -> float | None:
 
 
 def read_policies(reader: BuiltinDataReader) -> None:
-    """Let a reader of discovery give the policies of an endpoint as `policies_at` does."""
+    """Let a reader of discovery give the policies of an endpoint as `policies_at` does. Raises UnavailableError."""
+    check_version(((reader, ("_cqos_conv",)),))  # each reader sets its own when it is made
     reader._cqos_conv = policies_at
 
 
@@ -99,23 +107,31 @@ class KeyedWaitSet:
         self._keys: Any = (ctypes.c_void_p * _MAX_REPORTED)()
 
     def attach(self, entity: Entity, key: int) -> None:
-        """Wait for an entity, too."""
-        self._waitset._waitset_attach(self._waitset._ref, entity._ref, key)
+        """Wait for an entity, too. Raises DDSException, of one that is deleted or attached already."""
+        _require(self._waitset._waitset_attach(self._waitset._ref, entity._ref, key), "attaching to a wait set")
 
     def detach(self, entity: Entity) -> None:
-        """Wait for an entity no more."""
-        self._waitset._waitset_detach(self._waitset._ref, entity._ref)
+        """Wait for an entity no more. Raises DDSException, of one that is deleted or not attached."""
+        _require(self._waitset._waitset_detach(self._waitset._ref, entity._ref), "detaching from a wait set")
 
     def wait(self, timeout: int) -> list[int]:
-        """Return the keys of entities that have something, at most 64 at once, or none after `timeout` ns."""
+        """Return the keys of entities that have something, at most 64 at once, or none after `timeout` ns.
+
+        Raises DDSException.
+        """
         number = self._waitset._waitset_wait(self._waitset._ref, self._keys, _MAX_REPORTED, timeout)
-        if number < 0:
-            raise DDSException(number, "waiting for data")
+        _require(number, "waiting for data")
         return [key or 0 for key in self._keys[: min(number, _MAX_REPORTED)]]  # 0 comes as None
 
     def close(self) -> None:
         """Delete the wait set."""
         delete(self._waitset)
+
+
+def _require(result: int, action: str) -> None:
+    """Raise DDSException for a negative result of a function of Cyclone."""
+    if result < 0:
+        raise DDSException(result, action)
 
 
 def delete(entity: Entity) -> None:
