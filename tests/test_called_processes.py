@@ -3,6 +3,7 @@
 import random
 import shutil
 from collections.abc import Callable
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from fame.bpmn import read_bytes
 from fame.bpmn.library import BUILT_IN, Library
 from fame.bpmn.split import split
 from fame.check import check
+from fame.check.scope import find_scope
 from fame.errors import FameError, ModelError
 from fame.scenario import Scenario, run as scenario_run
 from fame.view.catalogue import Catalogue
@@ -112,6 +114,25 @@ def test_two_that_may_be_meant_are_an_error_that_names_both_if_one_is_called(tmp
     write(tmp_path / "b.bpmn", says("b", "Q"))
     (tmp_path / "c.bpmn").symlink_to("a.bpmn")  # the same file
     assert trail(model) == "m a"
+
+
+@pytest.mark.parametrize(
+    ("calls", "roots"),
+    [
+        ({"A": "E", "B": ""}, ["A"]),  # E, of another file, calls B
+        ({"A": "BC", "B": "", "C": "B"}, ["A"]),
+        ({"A": "B", "B": "AC", "C": ""}, ["A or B"]),  # the first of the cycle
+    ],
+)
+def test_a_process_that_another_one_calls_does_not_start_by_itself(
+    calls: dict[str, str], roots: list[str], tmp_path: Path
+) -> None:
+    write(tmp_path / "E.bpmn", says("e", "E", calls=("B",)))
+    for order in permutations(calls):
+        write(tmp_path / "a.bpmn", *(says(name, name, calls=tuple(calls[name])) for name in order))
+        scope = find_scope(fame.read(tmp_path / "a.bpmn"), Library(tmp_path))
+        first = min("AB", key=order.index)
+        assert sorted(root.bpmn.id for root in scope.roots) == [root.replace("A or B", first) for root in roots], order
 
 
 def test_of_several_the_file_of_that_name_is_called_with_a_warning(tmp_path: Path) -> None:

@@ -73,8 +73,9 @@ def check_pools(scope: CheckScope) -> Iterator[Finding]:
 def check_library(scope: CheckScope) -> Iterator[Finding]:
     """Say which called processes are FAME's own, and which are not the only ones: perhaps others were meant."""
     yield from scope.doubtful
-    if scope.own:
-        yield Finding("note", f"FAME's own library supplies {', '.join(sorted(scope.own))}", scope.definitions.file)
+    if scope.supplied:
+        names = ", ".join(sorted(scope.supplied))
+        yield Finding("note", f"FAME's own library supplies {names}", scope.definitions.file)
 
 
 def check_annotations(scope: CheckScope) -> Iterator[Finding]:

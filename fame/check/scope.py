@@ -129,11 +129,12 @@ class CheckScope:
     """The input of one check.
 
     processes      those of the file first, then those they call
-    roots          processes that start by themselves: those of pools, and those that nothing in the file calls
+    roots          processes of the file that start by themselves: those of pools, those that no other one of the scope
+                   calls, and of a cycle of calls that nothing else calls the first
     pools          ids of the processes that have a pool: nothing else gives them variables
     missing        why called processes could not be found
     doubtful       calls that may mean another process than the one that is called
-    own            what the file calls and FAME's own library supplies
+    supplied       the names by which the file calls processes of FAME's own library
     mission        the scopes of all files of the mission, this one included
     strict         a payload that reads a variable nothing sets is an error
     remote_types   the processes run elsewhere, where other message types may be known
@@ -146,7 +147,7 @@ class CheckScope:
     roots: tuple[CheckedProcess, ...]
     pools: frozenset[str]
     missing: tuple[ModelError, ...]
-    own: frozenset[str] = frozenset()
+    supplied: frozenset[str] = frozenset()
     doubtful: tuple[Finding, ...] = ()
     mission: tuple[CheckScope, ...] = ()
     strict: bool = False
@@ -209,11 +210,18 @@ def _scope(definitions: Definitions, library: Library) -> CheckScope:
     pools = frozenset(pool.process for pool in definitions.participants if pool.process)
     calls = (pair for process in own for pair in process.calls)
     supplied = {one.called for one, to in calls if to is not None and library.is_own(definitions, to.definitions)}
-    roots = tuple(_roots(own, pools))
     doubtful = (
         found for process in pending for call, to in process.calls for found in _doubt(process, call, to, library)
     )
-    return CheckScope(definitions, tuple(pending), roots, pools, tuple(missing), frozenset(supplied), tuple(doubtful))
+    return CheckScope(
+        definitions,
+        processes=tuple(pending),
+        roots=tuple(_roots(own, pools)),
+        pools=pools,
+        missing=tuple(missing),
+        supplied=frozenset(supplied),
+        doubtful=tuple(doubtful),
+    )
 
 
 def _doubt(
@@ -245,11 +253,14 @@ def _callee(
     return known.setdefault(_key(callee), callee)
 
 
-def _roots(own: list[CheckedProcess], pools: frozenset[str]) -> Iterator[CheckedProcess]:
-    """The processes of pools, those that no other one calls, and the first of each cycle of calls."""
-    called = {callee for process in own for _, callee in process.calls if callee is not process}
+def _roots(own: list[CheckedProcess], pools: frozenset[str]) -> list[CheckedProcess]:
+    """The processes of pools, and the fewest of the others, the first ones, from which all are called."""
+    roots: list[CheckedProcess] = []
     covered: set[CheckedProcess] = set()
-    for process in sorted(own, key=lambda one: (one.bpmn.id not in pools, one in called)):
+    for process in sorted(own, key=lambda one: one.bpmn.id not in pools):
         if process.bpmn.id in pools or process not in covered:
-            covered.update(process.closure())
-            yield process
+            closure = process.closure()
+            roots = [root for root in roots if root.bpmn.id in pools or root not in closure]
+            roots.append(process)
+            covered.update(closure)
+    return roots
