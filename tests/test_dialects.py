@@ -447,6 +447,11 @@ def test_what_would_mean_something_else_is_a_warning(attributes: str, inside: st
     assert [(note.level, note.text) for note in read_text(text).notes] == [("warning", said)]
 
 
+def test_names_that_are_right_get_no_warning() -> None:
+    attributes = 'camunda:type="external" camunda:topic="go" camunda:historyTimeToLive="1" camunda:exclusive="true"'
+    assert notes_of(read_text(process(f'<serviceTask id="t" {attributes}/>'))) == []
+
+
 @pytest.mark.parametrize(
     ("people", "users", "expressions"),
     [

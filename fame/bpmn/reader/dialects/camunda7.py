@@ -88,7 +88,7 @@ def attribute(context: Context, node: Node, name: str, value: str, extensions: E
         context.note(node, text, "warning")
     elif name in IGNORED:
         context.note(node, f"{_prefixed(node, name)} has no effect")
-    else:
+    elif name not in SHARED_ATTRIBUTES:
         meant = get_close_matches(name, SHARED_ATTRIBUTES | IGNORED, n=1, cutoff=_SIMILARITY)
         if meant:
             context.note(node, f"{_prefixed(node, name)} is not read; did you mean {meant[0]}?", "warning")
