@@ -1,8 +1,10 @@
 """Tests of missions: what drives them, what is expected of them, what a failed expectation shows."""
 
+import math
 import re
 from pathlib import Path
 
+import numpy
 import pytest
 from action_server import DRIVE
 from bpmn_text import document, process, properties
@@ -124,7 +126,8 @@ def test_an_element_that_was_cancelled_before_the_failure_has_not_failed(
     content = f'<startEvent id="s"/><userTask id="u" name="Sign"/>{late}<sequenceFlow id="f" sourceRef="late"'
     m = mission.load(one(tmp_path, f'{content} targetRef="v"/>{flows("su")}'))
     m.expect().failed(at="v", within=10)
-    with pytest.raises(ExpectationError, match="to have failed at 'Sign', but it failed with code 'script' at v"):
+    text = "to have failed at \"Sign\" (u), but it failed with code 'script' at v"
+    with pytest.raises(ExpectationError, match=re.escape(text)):
         m.expect().failed(at="Sign")
 
 
@@ -138,7 +141,8 @@ def test_a_branch_that_is_cancelled_by_the_failure_of_another_has_not_failed(
     m = mission.load(one(tmp_path, content))
     m.advance(1)
     m.expect().failed(at="Cut").failed(at="Mow")
-    with pytest.raises(ExpectationError, match="to have failed at 'Stand by', but it failed with code 'script' at b"):
+    text = 'to have failed at "Stand by" (w), but it failed with code \'script\' at "Cut" (b)'
+    with pytest.raises(ExpectationError, match=re.escape(text)):
         m.expect().failed(at="Stand by")
 
 
@@ -151,7 +155,7 @@ def test_a_call_has_failed_if_what_it_calls_has(mission: MissionLoader, tmp_path
     m = mission.load(one(tmp_path, f"{calls}{flows('sp', 'pc', 'pw')}", called + pool))
     m.advance(1)
     m.expect().failed(at="c")
-    with pytest.raises(ExpectationError, match="to have failed at 'w'"):
+    with pytest.raises(ExpectationError, match="to have failed at w, but"):
         m.expect().failed(at="w")
 
 
@@ -199,6 +203,57 @@ def test_what_does_not_hold_is_said(vehicles: MissionUnderTest, expected: object
     with pytest.raises(ExpectationError) as caught:
         expected(vehicles.expect("DINGO"))  # type: ignore[operator]
     assert text in str(caught.value).splitlines()[0]
+
+
+def test_an_element_may_be_expected_to_have_completed_never(vehicles: MissionUnderTest) -> None:
+    with pytest.raises(ConfigError, match=r"passed\('Fire', times=0\): nothing has run yet"):
+        vehicles.expect("DINGO").passed("Fire", times=0)
+    vehicles.stub("GoTo", after=30)
+    vehicles.run_until("DINGO", at="Go To")
+    passage = vehicles.expect("DINGO").passed("Go To", times=0).passed("Fire", times=0)
+    assert passage.times == []
+    for late in (lambda: passage.within(5), lambda: passage.before("Go To")):
+        with pytest.raises(ConfigError, match="has not been passed: there is no time to compare"):
+            late()
+    with pytest.raises(ExpectationError, match=r"passed .* 0 times, but it has completed 1 times"):
+        vehicles.expect("REX").passed("Explore", times=0)
+    with pytest.raises(ConfigError, match="expected times to be a whole number from 0 on, got -1"):
+        vehicles.expect("REX").passed("Explore", times=-1)
+
+
+@pytest.mark.parametrize(
+    ("script", "equal", "other"),
+    [
+        ("import numpy\nx = numpy.array([1.0, 2.0])", [1.0, 2.0000001], [1.0, 3.0]),
+        ("import numpy\nx = {'a': numpy.array([[1], [2]])}", {"a": numpy.array([[1], [2]])}, {"a": [[1], [3]]}),
+        ("import numpy\nx = numpy.float32(0.1)", 0.1, 0.2),
+        ("x = [0.1 + 0.2, (1,)]", [0.3, (1.0,)], [0.3, [1]]),
+        ("x = 1", 1.0000001, 1.1),
+        ("x = {'a': 0.1 + 0.2}", {"a": 0.3}, {"a": 0.3, "b": 1}),
+        ("x = 'a'", "a", "b"),
+    ],
+)
+def test_numbers_are_compared_to_a_millionth_at_any_depth(
+    mission: MissionLoader, tmp_path: Path, script: str, equal: object, other: object
+) -> None:
+    m = mission.load(one(tmp_path, f'<scriptTask id="s" scriptFormat="python"><script>{script}</script></scriptTask>'))
+    m.advance(1).expect().has(x=equal)
+    with pytest.raises(ExpectationError, match="expected the variable x = "):
+        m.expect().has(x=other)
+
+
+@pytest.mark.parametrize("seconds", [-1, math.nan, math.inf, "5"])
+def test_a_time_is_a_number_of_seconds(vehicles: MissionUnderTest, seconds: float) -> None:
+    passage = vehicles.advance(3).expect("REX").passed("Explore")
+    for name, asked in (
+        ("completed", lambda: passage.completed(within=seconds)),
+        ("failed", lambda: passage.failed(within=seconds)),
+        ("within", lambda: passage.within(seconds)),
+        ("run_until", lambda: vehicles.run_until("DINGO", at="Fire", within=seconds)),
+        ("advance", lambda: vehicles.advance(seconds)),
+    ):
+        with pytest.raises(ConfigError, match=f"{name}: expected a number of seconds from 0 on, got"):
+            asked()
 
 
 def test_unknown_names_get_similar_ones(vehicles: MissionUnderTest) -> None:

@@ -417,6 +417,17 @@ def test_a_test_fails_if_what_has_not_come_cannot_come_any_more(team: Path, pyte
     )  # fmt: skip
 
 
+def test_kept_expectations_are_of_how_a_property_is_judged_now(team: Path, tmp_path: Path) -> None:
+    mission = MissionLoader(lambda: tmp_path / "saved").load(team)
+    late = mission.advance(1).expect_property("late").holds(vacuous=True)
+    mission.advance(5).expect_property("big")
+    with pytest.raises(ExpectationError, match="expected property late to hold"):
+        late.holds(vacuous=True)
+    late.is_violated()
+    mission.check_properties()
+    mission.close()
+
+
 def test_a_property_that_held_and_is_violated_later_fails_the_test(team: Path, tmp_path: Path) -> None:
     mission = MissionLoader(lambda: tmp_path / "saved").load(team)
     mission.advance(1).expect_property("late").holds(vacuous=True)

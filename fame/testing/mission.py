@@ -8,7 +8,6 @@ deterministic; nothing sleeps.
 from __future__ import annotations
 
 import gc
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
@@ -32,7 +31,7 @@ from fame.scenario import Fault, Scenario
 from fame.scenario.run import Run
 from fame.scenario.settings import ALL, with_parameters
 from fame.testing.elements import Elements
-from fame.testing.expectations import Expectation, PropertyExpectation
+from fame.testing.expectations import Expectation, PropertyExpectation, check_seconds
 from fame.testing.failure import ExpectationError, failure, save_diagrams
 from fame.testing.fakes import Fakes
 from fame.testing.late_recording import LateFile
@@ -162,8 +161,7 @@ class MissionUnderTest:
 
     def advance(self, seconds: float) -> MissionUnderTest:
         """Let this many simulated seconds pass."""
-        if not (isinstance(seconds, int | float) and 0 <= seconds < math.inf):
-            raise ConfigError(f"advance: expected a number of seconds from 0 on, got {seconds!r}")
+        check_seconds("advance", seconds)
         run = self.run
         end = run.scheduler.now + round(seconds * SECOND)
         while run.scheduler.now < end:
@@ -190,6 +188,7 @@ class MissionUnderTest:
         given = [at, completed, published, condition]
         if sum(value is not None for value in given) != 1:
             raise ConfigError("run_until: expected one of at=, completed=, published=, condition=")
+        check_seconds("run_until", within)
         if at is not None:
             self._run_to(self.robot(robot), at, within)
         elif completed is not None:
@@ -377,14 +376,14 @@ class MissionUnderTest:
         if judging is None or name not in known:
             raise ConfigError(f"the mission judges no property {name!r}; {suggestion(name, known)}")
         self.expected_properties.add(name)
-        return PropertyExpectation(self, self._judgements()[known.index(name)])
+        return PropertyExpectation(self, name)
 
     def check_properties(self) -> None:
         """Raise ExpectationError for a property that is violated, unless the test has said what it expects of it.
 
         If nothing can come any more, what is pending is violated, as at the end of a run.
         """
-        for judgement in self._judgements():
+        for judgement in self.judgements():
             if judgement.verdict == "violated" and judgement.name not in self.expected_properties:
                 raise failure(self, str(judgement))
 
@@ -392,13 +391,14 @@ class MissionUnderTest:
         """Return the judgements that are pending or not known, without those of which the test has
         said what it expects."""
         words = ("pending", "not known")
-        return [one for one in self._judgements() if one.verdict in words and one.name not in self.expected_properties]
+        return [one for one in self.judgements() if one.verdict in words and one.name not in self.expected_properties]
 
     def unused(self) -> list[str]:
         """Return the stubs and fakes that the mission has not used."""
         return [*self.library.unused(), *self.fakes.unused()]
 
-    def _judgements(self) -> list[Judgement]:
+    def judgements(self) -> list[Judgement]:
+        """Return how each property of the scenario is judged now."""
         judging = self._run.judging if self._run is not None else None
         return judging.judgements(complete=self.is_complete) if judging is not None else []
 
