@@ -216,3 +216,12 @@ def test_variables_that_begin_with_two_underscores_are_not_stored(tmp_path: Path
     run.close()
     (values,) = [each["set"]["values"] for each in read_segment(*tmp_path.glob("journal-*")).records()]
     assert values == {"0 x": 1}
+
+
+@pytest.mark.parametrize("depth", [1_500, 5_000])
+def test_a_value_that_is_nested_too_deeply_is_lost_alone(tmp_path: Path, depth: int) -> None:
+    deep = script("a", f"x, y = [], 1\nfor n in range({depth}): x = [x]")
+    run = resumed(start() + deep + user("u") + path("s a u"), tmp_path)
+    assert run.simulation.instances[0].variables == {"x": None, "y": 1, "n": depth - 1}
+    (values,) = [each["set"]["values"] for each in read_segment(*tmp_path.glob("journal-*")).records()]
+    assert values == {"0 x": None, "0 y": 1, "0 n": depth - 1}

@@ -247,7 +247,7 @@ class _VariableTable:
             if len(content) > _LARGE:
                 bytearray(8 * len(content))  # raises MemoryError, where orjson would crash
             values[key] = encode(value, dump)
-        except (ValueError, MissionError):
+        except (ValueError, MissionError, RecursionError):
             try:
                 encoded = encode(value, dump)
                 content = json.dumps(encoded)
