@@ -225,3 +225,21 @@ def test_a_value_that_is_nested_too_deeply_is_lost_alone(tmp_path: Path, depth: 
     assert run.simulation.instances[0].variables == {"x": None, "y": 1, "n": depth - 1}
     (values,) = [each["set"]["values"] for each in read_segment(*tmp_path.glob("journal-*")).records()]
     assert values == {"0 x": None, "0 y": 1, "0 n": depth - 1}
+
+
+def test_values_that_become_equal_ones_of_another_type_are_stored(tmp_path: Path) -> None:
+    each = '<multiInstanceLoopCharacteristics camunda:collection="x" camunda:elementVariable="i" isSequential="true"/>'
+    loop = sub("p", each + start("ps") + user("u") + script("k", "seen += [i]") + end("pe") + path("ps u k pe"))
+    change = (
+        script("a", "import re\nn, m, x, seen = 1, [1.0], [[2], [0], re.A], []"),
+        script("b", "n, m[0], x[1][0] = True, 1, False"),
+    )
+    content = start() + change[0] + gateway("parallel", "g") + loop + user("w") + change[1] + path("s a g p")
+    run = Recorded(model(content + path("g w b")), tmp_path)
+    play(run, [Until(1), done("w"), Until(1)])
+    run.close()
+    run = Recorded(model(content + path("g w b")), tmp_path, now=SECOND)
+    play(run, [done("u"), done("u")])
+    assert repr(run.simulation.instances[0].variables) == (
+        "{'n': True, 'm': [1], 'x': [[2], [False], 256], 'seen': [[2], [False]]}"
+    )

@@ -19,8 +19,8 @@ suspension  the person who suspended the mission, and when (ns since 1970)
 thrown, receivers, accepted   acknowledged signals (`fame.robot.acknowledged`)
 =========  =====================================================================================================
 
-Values are compared by identity (numbers and texts) or by their content (all else), so that a script that changes a list
-in place is noticed.
+Values are compared by type and value (numbers and texts) or by their encoded content (all else): a script that changes
+a list in place is noticed, and so is True in place of 1.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import marshal
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import compress
-from operator import ne
+from operator import itemgetter, ne
 from typing import Any
 
 import orjson
@@ -52,6 +52,10 @@ _LARGE = 1_000_000
 """Size from which on there must be room for the JSON of a value (bytes), which may take eight times as much memory."""
 _KEYED = ("instances", "scopes", "waits", "boxes")
 _MAPPED = ("listeners", "waiting_starts", "gathered", "starts")
+_VALUES: dict[str, Callable[[Any], Any]] = {
+    "scopes": itemgetter("items"), "boxes": itemgetter("messages"), "waiting_starts": list, "gathered": list,
+}  # fmt: skip
+"""Where rows of a table have values of variables or messages."""
 _ATOMS = frozenset({type(None), bool, int, str})
 _ABSENT = object()
 _EMPTY: TableRows = {}
@@ -78,6 +82,7 @@ class StateTables:
         self._engine, self._unstorable = engine, unstorable
         self._variables = _VariableTable(unstorable)
         self._last: Tables = {}
+        self._contents: dict[str, dict[str, bytes | str]] = {}
         self._counts: dict[int, list[int]] = {}
 
     def changes(self, more: Mapping[str, TableRows], *, whole: bool = False) -> _Change:
@@ -86,7 +91,7 @@ class StateTables:
         `more` are tables of the caller: those that are missing have not changed.
         """
         if whole:
-            self._last, self._counts = {}, {}
+            self._last, self._contents, self._counts = {}, {}, {}
             self._variables.forget()
         change: _Change = {}
         if self._engine.instances or self._counts or whole:
@@ -116,14 +121,23 @@ class StateTables:
         last = self._last
         for name, table in tables.items():
             old = last.get(name, _EMPTY)
-            if old != table:
+            retyped = self._new_contents(name, table) if table and name in _VALUES else ()
+            if retyped or old != table:
                 changed = {
                     key: value
                     for key, value in table.items()
-                    if (before := old.get(key, _ABSENT)) is not value and before != value
+                    if key in retyped or ((before := old.get(key, _ABSENT)) is not value and before != value)
                 }
                 _note(change, name, changed, [key for key in old if key not in table])
                 last[name] = dict(table)
+
+    def _new_contents(self, name: str, table: TableRows) -> set[str]:
+        """Return the rows whose values have changed, also to equal ones of another type, and note the values."""
+        values, last = _VALUES[name], self._contents.get(name, {})
+        found = ((key, values(row)) for key, row in table.items())
+        new = {key: _content(value) for key, value in found if value and value.__class__ is not int}
+        self._contents[name] = new
+        return {key for key, content in new.items() if last.get(key) != content}
 
     def drop(self, table: str, key: str) -> _Change:
         """Return the change that removes an entry."""
@@ -156,6 +170,14 @@ def _note(change: _Change, name: str, changed: TableRows, gone: list[str]) -> No
         change.setdefault("set", {})[name] = changed
     if gone:
         change.setdefault("gone", {})[name] = gone
+
+
+def _content(value: Any) -> bytes | str:
+    """Return what is the same for values of the same types alone."""
+    try:
+        return marshal.dumps(value, 2)
+    except ValueError:  # a subclass of int or str
+        return repr(value)
 
 
 class _VariableTable:
