@@ -26,6 +26,7 @@ from fame.scenario.campaign_report import (
     interval,
     summary,
     text_report,
+    write_reports,
 )
 from fame.scenario.scenario import Scenario
 from fame.scenario.variation import Distribution, Variation, changed, points, read_variation
@@ -358,7 +359,51 @@ def test_the_parameter_that_matters_comes_first() -> None:
     assert found[0]["path"] == "speed"
     assert found[0]["success"] > 0.7
     assert all(one["success"] < 0.2 for one in found[1:])
-    assert importance([row(1, "completed", speed=1)]) == [{"path": "speed", "success": 0.0, "duration": 0.0}]
+
+
+@pytest.mark.parametrize(
+    ("speeds", "statuses"),
+    [
+        ([1], "c"),
+        ([1, 2, 3], "ccc"),
+        ([2, 2, 2], "cfc"),
+        (["a", "b", "c"], "cfc"),  # each run has a group of its own
+    ],
+)
+def test_the_strength_of_what_says_nothing_is_not_known(speeds: list[Any], statuses: str) -> None:
+    rows = [
+        row(number, {"c": "completed", "f": "failed"}[status], speed=speed)
+        for number, (speed, status) in enumerate(zip(speeds, statuses, strict=True))
+    ]
+    assert importance(rows) == [{"path": "speed", "success": None, "duration": None}]
+    assert "speed: strength not known on success, not known on duration" in text_report(rows)
+    assert "strength" in html_report(rows, "s.yaml")
+
+
+def test_without_a_run_that_has_ended_nothing_is_said_of_completion() -> None:
+    rows = [row(1, "impossible"), row(2, "impossible")]
+    assert "probability of completion: not known, since no run has ended" in text_report(rows)
+    page = html_report(rows, "s.yaml")
+    assert "<h1>s.yaml: no run has ended</h1><p>2 runs.</p>" in page
+    assert html_report([row(1, "completed")], "s.yaml").count("<use") > page.count("<use")  # the point
+
+
+@pytest.mark.parametrize(
+    ("choices", "column"),
+    [
+        ([1, "fast"], ["1", "fast"]),
+        ([None, 5], ["null", "5"]),
+        ([1, 2.5], [1.0, 2.5]),
+        ([2**64, 1], [str(2**64), "1"]),
+        ([True, 1], ["true", "1"]),
+    ],
+)
+def test_a_column_of_a_table_has_one_type(choices: list[Any], column: list[Any], tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    rows = [row(number, "completed", gear=gear) for number, gear in enumerate(choices)]
+    table = write_reports([*rows, row(2, "completed")], tmp_path, "s.yaml", parquet=True)[0]
+    assert [*pandas.read_parquet(table)["gear"]][:2] == column
 
 
 def test_the_page_escapes_what_it_shows() -> None:

@@ -34,12 +34,13 @@ CRASHED = "crashed"
 
 
 def counted(rows: Iterable[CampaignRow]) -> list[CampaignRow]:
-    """Return the runs without those of impossible worlds."""
+    """Return the runs that took place: without those of impossible worlds and those that crashed."""
     return [row for row in rows if row["status"] in COUNTED]
 
 
 def interval(rows: Sequence[CampaignRow], *, property: str | None = None) -> tuple[float, float]:
-    """Return the interval of the probability of completion, or of that `property` is violated."""
+    """Return Wilson's 95 % interval of the probability of completion, or of that `property` is violated; (0, 1) if no
+    run says so."""
     if property is not None:
         return wilson(*counts(rows, property))
     runs = counted(rows)
@@ -104,7 +105,10 @@ _QUANTILES = {"min": 0.0, "p5": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
 
 
 def causes(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
-    """Failed runs grouped by cause, the most frequent first; each with its shortest run."""
+    """Return the runs that did not complete by status and cause, the most frequent first; each with its shortest run.
+
+    Those of impossible worlds and those that crashed are among them.
+    """
     groups: defaultdict[tuple[str, str], list[CampaignRow]] = defaultdict(list)
     for row in rows:
         if row["status"] != "completed":
@@ -132,8 +136,9 @@ def importance(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
     """Return the correlation of each varied value with success, and with the duration of completed
     runs, strongest first.
 
-    ``strength`` is from 0 (none) to 1: Spearman's rank correlation for numbers, the correlation ratio for choices.
-    Places (x, y) count by the stronger coordinate.
+    Strengths are from 0 (none) to 1: Spearman's rank correlation for numbers, the correlation ratio for choices.
+    Places (x, y) count by the stronger coordinate. None is not known: fewer than three runs, the same outcome or value
+    in all, or a choice of its own in each.
     """
     runs = counted(rows)
     paths = list(dict.fromkeys(path for row in runs for path in row["changes"]))
@@ -144,21 +149,25 @@ def importance(rows: Sequence[CampaignRow]) -> list[dict[str, Any]]:
             [row["changes"].get(path) for row in runs], [float(row["status"] == "completed") for row in runs]
         )
         duration = _strength([row["changes"].get(path) for row in done], [float(row["duration"]) for row in done])
-        strengths.append({"path": path, "success": round(success, 4), "duration": round(duration, 4)})
-    return sorted(strengths, key=lambda one: (-one["success"], -one["duration"]))
+        strengths.append({"path": path, "success": success, "duration": duration})
+    return sorted(strengths, key=lambda strength: (-(strength["success"] or 0.0), -(strength["duration"] or 0.0)))
 
 
-def _strength(values: Sequence[Any], outcomes: Sequence[float]) -> float:
-    if len(values) < 3 or len(set(outcomes)) < 2:
-        return 0.0
+def _strength(values: Sequence[Any], outcomes: Sequence[float]) -> float | None:
+    texts = [json.dumps(value) for value in values]
+    if len(values) < 3 or len(set(outcomes)) < 2 or len(set(texts)) < 2:
+        return None
     if all(is_number(value) for value in values):
-        return _rank_correlation([float(value) for value in values], outcomes)
+        return round(_rank_correlation([float(value) for value in values], outcomes), 4)
     if all(isinstance(value, list) and len(value) == 2 and all(map(is_number, value)) for value in values):
-        return max(_rank_correlation([float(value[axis]) for value in values], outcomes) for axis in (0, 1))
-    return _correlation_ratio([json.dumps(value) for value in values], outcomes)
+        return round(max(_rank_correlation([float(value[axis]) for value in values], outcomes) for axis in (0, 1)), 4)
+    if len(set(texts)) == len(texts):
+        return None
+    return round(_correlation_ratio(texts, outcomes), 4)
 
 
 def _rank_correlation(values: Sequence[float], outcomes: Sequence[float]) -> float:
+    """The size of Spearman's coefficient; 0 if the values are all the same."""
     if len(set(values)) < 2:
         return 0.0
     require("scipy")
@@ -189,6 +198,8 @@ def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
     if figures["probability"] is not None:
         low, high = figures["interval"]
         yield f"probability of completion: {figures['probability']:.3f} (95 % interval {low:.3f} to {high:.3f}, Wilson)"
+    else:
+        yield "probability of completion: not known, since no run has ended"
     if figures["not_known"]:
         yield f"not known: {figures['not_known']}"
     for name, spread in figures["distributions"].items():
@@ -200,8 +211,11 @@ def text_report(rows: Sequence[CampaignRow]) -> Iterator[str]:
         yield f"{cause['count']} x {cause['status']}: {cause['cause']}"
         yield f"    {cause['command']}"
     for parameter in figures["parameters"]:
-        strengths = f"{parameter['success']:.2f} on success, {parameter['duration']:.2f} on duration"
-        yield f"{parameter['path']}: strength {strengths}"
+        strengths = (
+            f"{'not known' if parameter[name] is None else f'{parameter[name]:.2f}'} on {name}"
+            for name in ("success", "duration")
+        )
+        yield f"{parameter['path']}: strength {', '.join(strengths)}"
 
 
 def write_reports(
@@ -224,12 +238,9 @@ def write_reports(
         require("pandas", "pyarrow")
         import pandas
 
-        texts = [
-            {name: value if is_number(value) or value is None else str(value) for name, value in row.items()}
-            for row in flat
-        ]
+        values = {name: _column([row.get(name) for row in flat]) for name in columns}
         with writing(table) as part:
-            pandas.DataFrame(texts, columns=columns).to_parquet(part)
+            pandas.DataFrame(values).to_parquet(part)
     else:
         with writing(table) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, columns)
@@ -244,6 +255,14 @@ def write_reports(
     for name, text in files.items():
         write_file(folder / name, text)
     return [table, *(folder / name for name in files)]
+
+
+def _column(values: Sequence[Any]) -> Sequence[Any]:
+    """The values of a column, which have one type: numbers of 64 bits, or text if one of them is none of these."""
+    kinds = {type(value) for value in values} - {type(None)}
+    if kinds <= {int, float} and all(-(2**63) <= value < 2**63 for value in values if isinstance(value, int)):
+        return values
+    return [None if value is None else str(value) for value in values]
 
 
 def _flat(row: CampaignRow) -> dict[str, Any]:
@@ -265,10 +284,13 @@ def html_report(rows: Sequence[CampaignRow], scenario: str, pages: Mapping[int, 
     figures = summary(rows)
     plots = _plots(figures, rows)
     low, high = figures["interval"]
-    share = f"{figures['probability']:.1%}" if figures["probability"] is not None else "no runs"
+    share, within = "no run has ended", ""
+    if figures["probability"] is not None:
+        share = f"{figures['probability']:.1%} completed"
+        within = f"; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson)"
     body = [
-        f"<h1>{escape(Path(scenario).name)}: {share} completed</h1>",
-        f"<p>{figures['runs']} runs; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson).</p>",
+        f"<h1>{escape(Path(scenario).name)}: {share}</h1>",
+        f"<p>{figures['runs']} runs{within}.</p>",
         f"<p>Not known: {figures['not_known']}.</p>" if figures["not_known"] else "",
         plots["success"],
         _table(("status", "runs"), figures["statuses"].items()),
@@ -330,7 +352,8 @@ def _plots(figures: Mapping[str, Any], rows: Sequence[CampaignRow]) -> dict[str,
     figure = Figure(figsize=(6, 0.8), layout="constrained")
     axes = figure.add_subplot(xlim=(0, 100), yticks=[], xlabel="completed (%)")
     axes.axvspan(100 * low, 100 * high, color=_GREEN, alpha=0.35)
-    axes.plot(100 * (figures["probability"] or 0.0), 0, "o", color=_GREEN)
+    if figures["probability"] is not None:
+        axes.plot(100 * figures["probability"], 0, "o", color=_GREEN)
     plots = {"success": _svg(figure)}
     done = [float(row["duration"]) for row in rows if row["status"] == "completed"]
     if done:
@@ -341,7 +364,7 @@ def _plots(figures: Mapping[str, Any], rows: Sequence[CampaignRow]) -> dict[str,
         axes = figure.add_subplot(xlim=(0, 1), xlabel="strength")
         for offset, name, colour in ((0.2, "success", _GREEN), (-0.2, "duration", _BLUE)):
             places = [number + offset for number in range(len(lines))]
-            axes.barh(places, [one[name] for one in lines], 0.4, color=colour, label=f"on {name}")
+            axes.barh(places, [one[name] or 0.0 for one in lines], 0.4, color=colour, label=f"on {name}")
         axes.set_yticks(range(len(lines)), [one["path"] for one in lines])
         axes.legend()
         plots["parameters"] = _svg(figure)
