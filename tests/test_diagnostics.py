@@ -99,6 +99,13 @@ def test_a_mission_that_somebody_suspends_is_a_warning_with_the_name() -> None:
     assert robot.run()[:2] == (WARN, "suspended by ann")
 
 
+@pytest.mark.parametrize(("address", "port"), [("127.0.0.1", 70_000), ("a..b", 9100)])
+def test_metrics_at_what_is_no_address_are_one_line(address: str, port: int) -> None:
+    pytest.importorskip("prometheus_client", reason="prometheus-client is not installed")
+    with pytest.raises(ConfigError, match=rf"--metrics {address}:{port} cannot be opened: .*(must be 0-65535|idna)"):
+        serve_metrics(address, port).__enter__()
+
+
 def test_prometheus_reads_what_a_mission_does() -> None:
     pytest.importorskip("prometheus_client", reason="prometheus-client is not installed")
     port = free_port()

@@ -178,6 +178,7 @@ def test_files_are_closed_when_a_recording_is_refused_and_when_the_block_ends_in
         (["missing.bpmn"], "missing.bpmn: cannot be read: no such file"),
         (["run.txt"], "expected a recording (.mcap), a model (.bpmn) or a scenario (.yaml), got '.txt'"),
         (["run.mcap", "--port", "99999"], "expected a port from 0 to 65535, got '99999'"),
+        ([str(EXAMPLES.parent / "models" / "convoy.bpmn"), "--host", "a..b"], "cannot serve the page on a..b port 0: "),
         (["--branch", "3"], "--branch needs a recording"),
         (["run.mcap", "--branch", "0"], "expected a number above 0, got '0'"),
     ],

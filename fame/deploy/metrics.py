@@ -20,14 +20,16 @@ _SERIES: Mapping[str, tuple[str, Callable[[Report], float]]] = {
     "waiting_tokens": ("Tokens that wait.", lambda report: len(report.waits) + report.more_waits),
     "longest_wait_seconds": (f"How long the oldest of the first {WAITS} waits, in mission time.", lambda report: max(
         (report.now - wait.get("since", report.now) for wait in report.waits), default=0.0)),
-    "incidents": ("Elements that have failed and wait for repair.", lambda report: len(report.incidents)),
-    "warnings": ("Warnings of lost messages and of endpoints that do not match.", lambda report: len(report.warnings)),
+    "incidents": (f"Elements that have failed and wait for repair, at most {WAITS}.",
+        lambda report: len(report.incidents)),
+    "warnings": ("Latest warnings: lost messages, endpoints that do not match, clocks that jump.",
+        lambda report: len(report.warnings)),
     "instances_started_total": ("Process instances started since the deployment.", lambda report: report.started),
     "instances_completed_total": ("Of these, those that have completed.", lambda report: report.completed),
     "instances_failed_total": ("Of these, those that have failed.", lambda report: report.failed),
     "elements_completed_total": ("Elements completed since the deployment.", lambda report: report.elements),
 }  # fmt: skip
-"""By name, without ``fame_``: what a series says, and its value; those that end in ``_total`` only grow."""
+"""By name, without ``fame_``: help text and value of a series; one in ``_total`` grows until the next deployment."""
 
 
 class Metrics:
@@ -49,7 +51,7 @@ class Metrics:
             return
         labels = [report.robot]
         age = GaugeMetricFamily(
-            "fame_report_age_seconds", "Since when all this holds: over 5 s is silence.", labels=["robot"]
+            "fame_report_age_seconds", "Age of the report that all this is from: over 5 s is silence.", labels=["robot"]
         )
         age.add_metric(labels, monotonic() - self._heard)
         yield age
@@ -61,12 +63,14 @@ class Metrics:
             series = family(f"fame_{name}", text, labels=["robot"])
             series.add_metric(labels, value(report))
             yield series
-        untaken = CounterMetricFamily("fame_messages_untaken", "BPMN messages not taken.", labels=["robot", "topic"])
+        untaken = CounterMetricFamily(
+            "fame_messages_untaken", "BPMN messages that no event has taken.", labels=["robot", "topic"]
+        )
         for topic, count in report.untaken.items():
             untaken.add_metric([*labels, topic], count)
         yield untaken
         absent = GaugeMetricFamily(
-            "fame_peer_absent_seconds", "For how long it misses a robot.", labels=["robot", "peer"]
+            "fame_peer_absent_seconds", "For how long a robot of its team has had no engine.", labels=["robot", "peer"]
         )
         for peer, seconds in report.absent.items():
             absent.add_metric([*labels, peer], seconds)
@@ -77,7 +81,7 @@ class Metrics:
 def serve_metrics(address: str, port: int) -> Iterator[Metrics]:
     """Serve metrics from a thread of their own, until the block ends.
 
-    Raises UnavailableError without prometheus-client, and ConfigError for a port that cannot be opened.
+    Raises UnavailableError without prometheus-client, and ConfigError for an address or port that cannot be opened.
     """
     require("prometheus_client")
     from prometheus_client import CollectorRegistry, start_http_server
@@ -86,8 +90,9 @@ def serve_metrics(address: str, port: int) -> Iterator[Metrics]:
     registry.register(metrics)
     try:
         server, thread = start_http_server(port, address, registry)
-    except OSError as error:
-        raise ConfigError(f"--metrics {address}:{port} cannot be opened: {error.strerror}") from None
+    except (OSError, OverflowError, ValueError) as error:  # the latter two: not a port, not the name of a host
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"--metrics {address}:{port} cannot be opened: {reason}") from None
     try:
         yield metrics
     finally:

@@ -199,10 +199,11 @@ def _bound(host: str, port: int) -> socket.socket:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind((host, port))
         bound.listen(_BACKLOG)  # who comes before `run` waits
-    except OSError as error:
+    except (OSError, OverflowError, ValueError) as error:  # the latter two: not a port, not the name of a host
         if bound is not None:
             bound.close()
-        raise ConfigError(f"cannot serve the page on {host} port {port}: {error.strerror or error}") from None
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot serve the page on {host} port {port}: {reason}") from None
     return bound
 
 
