@@ -79,6 +79,14 @@ def test_another_package_is_not_unpacked(cache: Path, tmp_path: Path, capsys: An
     assert main(["edit", "--modeler", str(tmp_path / "a.tgz")]) == 2
     assert "expected camunda-bpmn-js 5.35.0 with the hash sha512-hT7GB/2vKA4+" in capsys.readouterr().err
     assert not cache.exists()
+    assert main(["edit", "--modeler", "/dev/zero"]) == 2
+    assert "/dev/zero: expected at most 20 MB, got more" in capsys.readouterr().err
+
+
+def test_a_library_folder_that_is_not_there_is_told_before_the_page(cache: Path, tmp_path: Path, capsys: Any) -> None:
+    (tmp_path / "m.bpmn").write_text(OLD)
+    assert main(["edit", str(tmp_path / "m.bpmn"), "--no-open", "--library", "nope"]) == 2
+    assert "nope: is not a folder" in capsys.readouterr().err
 
 
 def test_only_what_the_page_needs_is_unpacked_and_nothing_outside(

@@ -110,6 +110,9 @@ def test_systemd_accepts_a_unit(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     ("words", "text"),
     [
         (("REX", "DINGO"), "expected one robot: each engine has a unit of its own"),
+        (("REX", "--identity", "x.key"), "--identity needs --trust FILE.pub"),
+        (("REX", "--type", "nope"), "expected a robot type, got 'nope'; known are: "),
+        (("REX", "--fresh"), "--fresh would start over after each crash"),
         (("REX", "--files", "a\nb"), "expected text of one line"),
         (("REX", "--tipe", "car"), "unknown option '--tipe'; did you mean '--type'?"),
     ],

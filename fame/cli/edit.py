@@ -13,6 +13,8 @@ from fame.errors import ConfigError
 from fame.rooms import VIEW_ADDRESS, VIEW_SERVING, load
 from fame.text import unreadable
 
+_LARGEST = 20_000_000
+"""Bytes of the library that draws; version 5.35.0 has 6 million."""
 _EXAMPLES = (
     "fame edit --fetch",
     "fame edit mission.bpmn",
@@ -51,15 +53,22 @@ def run(arguments: Namespace) -> int:
         note(str(fetch()))
     if arguments.modeler is not None:
         try:
-            note(str(unpack(arguments.modeler.read_bytes(), str(arguments.modeler))))
+            with open(arguments.modeler, "rb") as file:
+                content = file.read(_LARGEST + 1)
+            if len(content) > _LARGEST:
+                text = f"expected at most {_LARGEST // 1_000_000} MB, got more"
+                raise ConfigError(text, file=str(arguments.modeler))
+            note(str(unpack(content, str(arguments.modeler))))
         except OSError as error:
             raise ConfigError(unreadable(error), file=str(arguments.modeler)) from None
     if arguments.subject is None:
         if arguments.fetch or arguments.modeler is not None:
             return 0
         raise ConfigError("expected a model or a scenario: fame edit mission.bpmn")
+    from fame.bpmn.library import Library
     from fame.edit.session import ModelEdit
 
+    Library(arguments.library)  # a folder that is not there is told before the page is served
     with (
         ModelEdit(arguments.subject, installed(), arguments.library) as source,
         load(VIEW_SERVING)(source, arguments),

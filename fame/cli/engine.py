@@ -205,10 +205,11 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
     from fame.randomness import ModuleRandom
     from fame.scenario import serve
 
+    check_options(arguments)
     trusted, identity = _keys(arguments)
-    _check_options(arguments, trusted)
+    _check_files(arguments)
     expect_guarded = guard(arguments, trusted, "--trust FILE.pub")
-    safe, suspended = _safe_states(arguments.type)
+    safe, suspended = safe_states(arguments.type)
     state = _state(arguments)
     library = _library(arguments)
     opened = ExitStack()
@@ -258,9 +259,15 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         serve(arguments.middleware, arguments.network, build, crowd=several)
 
 
-def _check_options(arguments: Namespace, trusted: object) -> None:
-    if arguments.lifecycle and trusted and not arguments.unsigned_tasks:
+def check_options(arguments: Namespace) -> None:
+    """Refuse options that exclude each other, on any machine. Raises ConfigError."""
+    if arguments.identity is not None and not arguments.trust:
+        raise ConfigError("--identity needs --trust FILE.pub")
+    if arguments.lifecycle and arguments.trust and not arguments.unsigned_tasks:
         raise ConfigError("--lifecycle with --trust needs --unsigned-tasks: requests to services are not signed")
+
+
+def _check_files(arguments: Namespace) -> None:
     if arguments.files is not None and not arguments.files.is_dir():
         raise ConfigError("expected a folder", file=str(arguments.files))
 
@@ -281,8 +288,6 @@ def _keys(arguments: Namespace) -> tuple[Any, Any]:
     trusted = trusted_keys(arguments)
     if arguments.identity is None:
         return trusted, None
-    if not trusted:
-        raise ConfigError("--identity needs --trust FILE.pub")
     return trusted, read_identity(arguments.identity, arguments.name)
 
 
@@ -374,8 +379,11 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
     return bool(reports)
 
 
-def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]:
-    """The safe states of a robot type: when its process has ended, and while it is suspended."""
+def safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]:
+    """Return the safe states of a robot type: when its process has ended, and while it is suspended.
+
+    Raises ConfigError for an unknown type.
+    """
     if kind is None:
         return (), None
     from sim2d.robot import robot_class

@@ -9,7 +9,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from fame.cli.arguments import Commands, command
-from fame.cli.engine import add_options
+from fame.cli.engine import add_options, check_options, safe_states
 from fame.errors import ConfigError
 
 _WATCHDOG = 30
@@ -91,6 +91,11 @@ def run(arguments: Namespace) -> int:
     if len(arguments.names) > 1:
         raise ConfigError("expected one robot: each engine has a unit of its own")
     (name,) = arguments.names
+    check_options(arguments)
+    if ":" not in (arguments.type or ":"):  # a class of one's own may be on the robot alone
+        safe_states(arguments.type)
+    if arguments.fresh:
+        raise ConfigError("--fresh would start over after each crash: give it once, by fame engine")
     given = [(action, words) for action, words in arguments.leaf.given if action.dest != "user"]
     words = [word for action, values in given for word in (*action.option_strings[-1:], *values)]
     user = arguments.user or getpass.getuser()
