@@ -126,6 +126,16 @@ GATE = """<exclusiveGateway id="t"/><task id="a"/><task id="b"/>
 <sequenceFlow id="h" sourceRef="t" targetRef="b"><conditionExpression>x > 2</conditionExpression></sequenceFlow>"""
 
 
+@pytest.mark.parametrize("id", ["startEvent_3", "startEvent_", "startEvent__1", "startEvent__2"])
+def test_an_element_without_an_id_gets_none_that_the_file_has(id: str) -> None:
+    old, new = (process(f'<startEvent/><startEvent/><{tag} id="{id}"/>') for tag in ("userTask", "endEvent"))
+    said = written(old, new)
+    assert [line for line in said if line.startswith(("+", "-", "~"))][:1] == [f"~ endEvent {id}  new.bpmn:3"]
+    assert not [line for line in said if "startEvent" in line.replace(id, "")]
+    assert len({one.id for one in read_text(old).elements()}) == 4
+    assert not written(old, old)
+
+
 def test_the_order_in_which_a_gateway_tries_its_conditions_is_a_difference() -> None:
     first, g, h = GATE.splitlines()
     found = written(process(FLOWS + GATE), process("\n".join((FLOWS + first, h, g))))

@@ -67,6 +67,11 @@ def test_both_ends_have_the_topic_of_the_receiver(sends: str, receives: str, flo
     assert {**names(parts[0]), **names(parts[1])} == {"x": topic, "y": topic}
 
 
+def test_a_message_gets_no_id_that_the_file_has() -> None:
+    definitions = read_text(team(throws(), waits(), root='<message id="y_message" name="other"/>'))
+    assert names(definitions) == {"x": "/load_is_there", "y": "/load_is_there"}
+
+
 def test_a_message_that_is_not_what_the_receiver_waits_for_is_warned_of() -> None:
     found = check(read_text(team(throws("M"), waits("N"), root=ROOT), file="m.bpmn"))
     texts = [one.text for one in found if one.level == "warning"]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
-from itertools import chain, count
 from typing import Literal
 
 from lxml import etree
@@ -23,7 +22,20 @@ from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
 from fame.bpmn.reader.dialects.camunda7 import SHARED_ATTRIBUTES, SHARED_ELEMENTS
 from fame.bpmn.reader.dialects.extensions import Extensions
-from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local_name, text_of
+from fame.bpmn.reader.xml import (
+    ACTIVITI,
+    BPMN,
+    BPMNDI,
+    CAMUNDA,
+    FLOWABLE,
+    ZEEBE,
+    Node,
+    attributes,
+    ids_in,
+    invented_id,
+    local_name,
+    text_of,
+)
 
 Semantics = Literal["standard", "original"]
 
@@ -160,9 +172,8 @@ def _named(root: Node, kind: str, name: str) -> str:
     for known in root.iterchildren(f"{_B}{kind}"):
         if known.get("name", "").strip() == name and known.get("id"):
             return known.get("id", "")
-    taken = {element.get("id") for element in root.iter("*")}
     stem = f"{kind.capitalize()}_{''.join(letter if letter.isalnum() else '_' for letter in name)}"
-    id = next(id for id in chain([stem], (f"{stem}_{number}" for number in count(2))) if id not in taken)
+    id = invented_id(stem, ids_in(root))
     _add_to_root(root, etree.Element(f"{_B}{kind}", {"id": id, "name": name}))
     return id
 

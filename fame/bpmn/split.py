@@ -10,6 +10,7 @@ says so may be in another robot's file.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
@@ -106,7 +107,7 @@ def extract_process(
     files = _by_file(closure(definitions, process, find))
     pool = _pool(definitions, process_id, name)
     fragments: list[Fragment] = []
-    taken: set[str] = set()
+    taken = Counter[str]()
     for file, processes in files:
         its_pool = pool if file is definitions else None
         fragment = copy_fragment(file, processes, its_pool, topic_types or {}, acknowledged, trees)
@@ -160,7 +161,7 @@ def _pool(definitions: Definitions, process_id: str, name: str) -> Participant |
 # ---- ids -------------------------------------------------------------------------------------------------------------
 
 
-def _make_unique(fragment: Fragment, taken: set[str]) -> None:
+def _make_unique(fragment: Fragment, taken: Counter[str]) -> None:
     """Number the ids that are already taken, and their uses in the fragment."""
     for element in fragment.elements():
         if element.get("id") in taken:

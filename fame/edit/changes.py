@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from fame.bpmn.difference import ElementChange, difference, elements_of, facts
 from fame.bpmn.model import GATEWAYS, PLACES, TASKS, Artifact, Definitions, Edge, Element, Shape
 from fame.bpmn.reader.document import read_tree
-from fame.bpmn.reader.xml import BPMN, Node, is_reference, local_name, parse
+from fame.bpmn.reader.xml import BPMN, Node, ids_in, invented_id, is_reference, local_name, parse
 from fame.dataclasses import dataclass, replace
 from fame.text import printable
 
@@ -55,7 +55,7 @@ class ModelDifference:
 
 def compare(old: Definitions, new: Definitions) -> ModelDifference:
     """Compare two versions of a file."""
-    old, new = _with_ids(old), _with_ids(new)
+    old, new = _with_ids(old, new)
     found = difference(old, new)
     changes = tuple(one for one in found if one.how != "moved")
     told, known = {one.element.id for one in changes}, {one.id: one for one in new.elements()}
@@ -76,17 +76,24 @@ def compare(old: Definitions, new: Definitions) -> ModelDifference:
     )
 
 
-def _with_ids(definitions: Definitions) -> Definitions:
-    """A model whose elements without an id have one that does not depend on their place: the ends, or the name."""
-    root = parse(definitions.source, definitions.file) if definitions.source else None
-    taken = Counter[str]()
+def _with_ids(*versions: Definitions) -> list[Definitions]:
+    """Models whose elements without an id have one that does not depend on their place: the ends, or the name.
+
+    No element of any version has it already.
+    """
+    roots = [parse(one.source, one.file) if one.source else None for one in versions]
+    ids = Counter({id: 1 for root in roots if root is not None for id in ids_in(root)})
+    return [_named(one, root, ids.copy()) for one, root in zip(versions, roots, strict=True)]
+
+
+def _named(definitions: Definitions, root: Node | None, taken: Counter[str]) -> Definitions:
+    before = len(taken)
     for element in root.iter(f"{{{BPMN}}}*") if root is not None else ():
         name = "_".join(filter(None, map(element.get, ("sourceRef", "targetRef", "name"))))
         if not element.get("id") and (name or local_name(element) in (*PLACES, *GATEWAYS, *TASKS)):
-            id = f"{local_name(element)}_{name}"
-            taken[id] += 1
-            element.set("id", f"{id}_{taken[id]}")
-    return read_tree(root, definitions.source, definitions.file) if root is not None and taken else definitions
+            element.set("id", invented_id(f"{local_name(element)}_{name}", taken))
+    changed = root is not None and len(taken) > before
+    return read_tree(root, definitions.source, definitions.file) if root is not None and changed else definitions
 
 
 # ---- what the model does not say -------------------------------------------------------------------------------------
@@ -195,7 +202,7 @@ def as_json(found: ModelDifference) -> dict[str, Any]:
 
 def model_text(definitions: Definitions) -> str:
     """Return what a model says, line by line in an order that does not depend on the file: ``git diff`` compares it."""
-    definitions = _with_ids(definitions)
+    (definitions,) = _with_ids(definitions)
     elements = [("", one) for one in (*definitions.participants, *definitions.message_flows, *definitions.artifacts)]
     for process in definitions.processes:
         elements += [*elements_of(process), *((process.id, lane) for lane in process.lanes)]

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from fame.bpmn.draw.svg import number
 from fame.bpmn.model import Bounds, Definitions, Edge, Shape
-from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node
+from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node, invented_id
 from fame.dataclasses import dataclass, field
 from fame.errors import ModelError
 from fame.layout.content import BODIES
@@ -89,7 +90,7 @@ def _edits(
     gone = {
         one for one in elements if again and any(f"{{{BPMNDI}}}BPMNDiagram" == up.tag for up in one.iterancestors())
     }
-    taken = {id for one in elements if (id := one.get("id")) and one not in gone}
+    taken = Counter({id: 1 for one in elements if (id := one.get("id")) and one not in gone})
     diagrams = ""
     for plane, element in enumerate(new.planes):
         shapes = [one for one in new.shapes if one.plane == plane and one.element not in drawn]
@@ -157,7 +158,7 @@ def _places(source: bytes) -> _Places:
 class _Writer:
     """Writes the parts of a diagram with the prefixes that hold where they are put; `taken` are the ids of the file."""
 
-    def __init__(self, prefixes: Mapping[str | None, str], taken: set[str], line: str) -> None:
+    def __init__(self, prefixes: Mapping[str | None, str], taken: Counter[str], line: str) -> None:
         self.taken, self.line, self.declared = taken, line, ""
         self.names: dict[str, str] = {}
         for uri, usual in _USUAL.items():
@@ -220,9 +221,4 @@ class _Writer:
         """An id that the file does not have, as bpmn-moddle allows it."""
         stem = re.sub(r"[^\w.-]", "_", wanted, flags=re.ASCII)
         stem = stem if re.match(r"[A-Za-z_]", stem) else f"_{stem}"
-        id, number_of = stem, 1
-        while id in self.taken:
-            number_of += 1
-            id = f"{stem}_{number_of}"
-        self.taken.add(id)
-        return id
+        return invented_id(stem, self.taken)

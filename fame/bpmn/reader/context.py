@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from typing import Literal, TypeVar
 
 from fame.bpmn.model import ModelFault, Note
-from fame.bpmn.reader.xml import Node, line_of, local_name, resolve
+from fame.bpmn.reader.xml import Node, ids_in, invented_id, line_of, local_name, resolve
 from fame.dataclasses import dataclass, field
 from fame.errors import ModelError
 
@@ -39,6 +40,7 @@ class Context:
     faults: list[ModelFault] = field(default_factory=list)
     associations: dict[str, list[Node]] = field(default_factory=dict)
     _ids: dict[str, Node] | None = None
+    _taken: Counter[str] | None = None
     elements: dict[str, Node] = field(default_factory=dict)
 
     def error(self, element: Node, text: str) -> ModelError:
@@ -80,11 +82,9 @@ class Context:
         return id
 
     def _generate_id(self, element: Node) -> str:
-        stem, number = f"{local_name(element)}_{line_of(element)}", 1
-        id = stem
-        while id in self.elements:
-            number += 1
-            id = f"{stem}_{number}"
+        if self._taken is None:
+            self._taken = ids_in(element.getroottree().getroot())
+        id = invented_id(f"{local_name(element)}_{line_of(element)}", self._taken)
         element.set("id", id)
         return id
 

@@ -9,6 +9,7 @@ the receiver. Files that are put together from others therefore need no message 
 
 from __future__ import annotations
 
+from collections import Counter
 from copy import deepcopy
 
 from lxml import etree
@@ -26,6 +27,8 @@ from fame.bpmn.reader.xml import (
     Node,
     child,
     children,
+    ids_in,
+    invented_id,
     line_of,
     local_name,
     parse_any,
@@ -62,14 +65,14 @@ def _extract_embedded_processes(context: Context, root: Node) -> None:
     processes_by_content = (
         {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
     )
-    taken = {id for one in root.iter("*") if (id := one.get("id"))} if holders else set()
+    taken = ids_in(root) if holders else Counter[str]()
     for holder in holders:
         process, diagrams = _parse_embedded(context, holder, holder.get("process", "").strip())
         content = etree.tostring(process)
         if content not in processes_by_content:
             processes_by_content[content] = process
-            process.set("id", process.get("id") or f"process_{line_of(holder)}")
             elements = [one for part in (process, *diagrams) for one in part.iter("*")]
+            process.set("id", process.get("id") or invented_id(f"process_{line_of(holder)}", taken | ids_in(process)))
             unique_ids(elements, taken)
             for one in elements:
                 one.sourceline = line_of(holder)  # type: ignore[assignment]
@@ -130,7 +133,7 @@ def _holder(element: Node | None, tags: tuple[str, ...]) -> Node | None:
 def _use_one_message(context: Context, root: Node, flow: Node, sender: Node, receiver: Node) -> None:
     message = receiver.get("messageRef") or flow.get("messageRef") or sender.get("messageRef")
     if not message:
-        message = f"{_element(receiver).get('id')}_message"
+        message = invented_id(f"{_element(receiver).get('id')}_message", ids_in(root))
         name = " ".join(_element(receiver).get("name", "").split()) or _element(receiver).get("id", "")
         root.insert(0, etree.Element(f"{{{BPMN}}}message", {"id": message, "name": name}))
     sent = sender.get("messageRef")

@@ -7,6 +7,7 @@ parser) are bounded.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -181,20 +182,31 @@ def local_id(element: Node, name: str) -> str:
     return id if colon and prefix in element.nsmap else prefix + colon + id
 
 
-def unique_ids(elements: Iterable[Node], taken: set[str]) -> dict[str, str]:
+def ids_in(root: Node) -> Counter[str]:
+    """Return the ids of a tree, to be given to `invented_id`."""
+    return Counter({id: 1 for one in root.iter("*") if (id := one.get("id"))})
+
+
+def invented_id(stem: str, taken: Counter[str]) -> str:
+    """Return the stem, numbered from 2 if it is taken, and add it to `taken`: each id with the last number tried."""
+    id = stem
+    while id in taken:
+        taken[stem] += 1
+        id = f"{stem}_{taken[stem]}"
+    taken[id] = 1
+    return id
+
+
+def unique_ids(elements: Iterable[Node], taken: Counter[str]) -> dict[str, str]:
     """Number the ids of elements that are already taken, also in their references. Adds all their ids to `taken`.
 
     Returns old id -> new id.
     """
     elements = list(elements)
-    renamed: dict[str, str] = {}
     own = {id for one in elements if (id := one.get("id"))}
-    for id in sorted(own & taken):
-        number = 2
-        while f"{id}_{number}" in taken | own:
-            number += 1
-        renamed[id] = f"{id}_{number}"
-    taken |= own | set(renamed.values())
+    twice = sorted(own & taken.keys())
+    taken |= Counter(own)
+    renamed = {id: invented_id(id, taken) for id in twice}
     for element in elements if renamed else ():
         _rename(element, renamed)
     return renamed
