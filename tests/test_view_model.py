@@ -5,11 +5,13 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from bpmn_text import process
 from view_page import eventually, opened, until, violations
 
+import fame.view.watch
 from fame.errors import ConfigError
 from fame.view import ModelWatch
 
@@ -84,6 +86,73 @@ def test_a_scenario_is_watched_with_its_model() -> None:
     with ModelWatch(MODELS.parent / "examples" / "agriculture.yaml") as watch:
         assert watch.mission()["planes"][0]["title"] == "agriculture"
         assert not [one for one in watch.mission()["findings"] if one["severity"] == "error"]
+
+
+def texts(watch: ModelWatch) -> list[str]:
+    return [one["text"] for one in watch.mission()["findings"]]
+
+
+def scenario_of(folder: Path) -> Path:
+    """A scenario with the model m.bpmn, which calls Sub, and a world file; of these three there is none."""
+    path = folder / "s.yaml"
+    path.write_text("model: m.bpmn\nworld: w.yaml\n", "utf-8")
+    return path
+
+
+CALLS = process(
+    """<startEvent id="S"/><sequenceFlow id="f" sourceRef="S" targetRef="C"/>
+    <callActivity id="C" name="Do it" calledElement="Sub"/><sequenceFlow id="g" sourceRef="C" targetRef="E"/>
+    <endEvent id="E"/>"""
+)
+SUB = process('<startEvent id="S"/>').replace('id="P"', 'id="Sub"')
+
+
+def test_what_a_scenario_needs_is_followed_while_it_is_missing_or_broken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fame.view.watch._POLL", 0.01)
+    (tmp_path / "w.yaml").write_text("robots: nonsense\n", "utf-8")
+    with ModelWatch(scenario_of(tmp_path)) as watch:
+        assert watch.mission()["findings"][0]["where"] == "w.yaml"
+        (tmp_path / "w.yaml").write_text("bounds: [0, 0, 9, 9]\n", "utf-8")
+        eventually(lambda: "got 'm.bpmn'" in texts(watch)[0])
+        (tmp_path / "m.bpmn").write_text("<half a", "utf-8")
+        eventually(lambda: watch.mission()["findings"][0]["where"] == "m.bpmn")
+        (tmp_path / "m.bpmn").write_text(CALLS, "utf-8")
+        eventually(lambda: "found neither a process of this file nor Sub.bpmn" in texts(watch)[0])
+        (tmp_path / "library").mkdir()
+        (tmp_path / "library" / "any.bpmn").write_text(SUB, "utf-8")
+        eventually(lambda: not [text for text in texts(watch) if "Sub.bpmn" in text])
+        assert [Path(name).name for name in watch.mission()["models"]] == ["m.bpmn", "any.bpmn"]
+        (tmp_path / "w.yaml").write_text("robots: nonsense\n", "utf-8")
+        eventually(lambda: watch.mission()["findings"][0]["where"] == "w.yaml")
+
+
+def test_what_is_saved_while_the_files_are_read_is_read_again(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, checks = fame.view.watch.check, list[int]()
+
+    def save_then_check(*arguments: Any, **options: Any) -> Any:
+        found = real(*arguments, **options)
+        if not checks:
+            break_it(model)
+        checks.append(len(found))
+        return found
+
+    monkeypatch.setattr("fame.view.watch._POLL", 0.01)
+    monkeypatch.setattr("fame.view.watch.check", save_then_check)
+    with ModelWatch(model) as watch:
+        eventually(lambda: "Nowhere" in "".join(texts(watch)))
+
+
+def test_a_reading_while_the_page_is_made_is_news_to_it(watch: ModelWatch, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = fame.view.watch._chips
+
+    def read_then_chips(findings: Any) -> Any:
+        watch._version += 1
+        return real(findings)
+
+    monkeypatch.setattr("fame.view.watch._chips", read_then_chips)
+    assert watch.news(watch.mission()["version"])[1] == [{"type": "reload"}]
 
 
 def test_no_file_is_an_error(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from fame.edit.writer import decoded, save_bytes
 from fame.errors import ConfigError, FameError, ModelError
 from fame.rooms import ADD_DIAGRAM, load
 from fame.text import unreadable, write_file
-from fame.view.watch import ModelWatch, Stamp, stamps_of
+from fame.view.watch import ModelWatch
 
 _NEW = b"""<?xml version="1.0" encoding="UTF-8"?>
 <bpmn:definitions xmlns:bpmn="http://www.omg.org/spec/BPMN/20100524/MODEL"
@@ -86,9 +86,6 @@ class ModelEdit(ModelWatch):
             return read_file(self.model) if self.model.exists() else _NEW
         except OSError as error:
             raise ConfigError(unreadable(error), file=str(self.model)) from None
-
-    def _stamped(self) -> dict[Path, Stamp]:
-        return {**super()._stamped(), **stamps_of([self.model])}
 
     def _shown(self, content: bytes) -> bytes:
         """What is drawn: the file, with a diagram if it has none."""

@@ -148,9 +148,9 @@ class ModelChange(ModelWatch):
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def mission(self) -> Mapping[str, Any]:
-        about = self._about
+        version, about = self._version, self._about  # in this order: what changes in between is news
         can = ["deploy", "migrate", "examine"] if about.hash and not about.asking else []
-        return {**super().mission(), "control": can, "change": self._change_json(about), "version": self._version}
+        return {**super().mission(), "control": can, "change": self._change_json(about), "version": version}
 
     def _change_json(self, about: _Examination) -> dict[str, Any]:
         rows = [self._row(change, robots) for change, robots in about.changes]

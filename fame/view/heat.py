@@ -246,6 +246,7 @@ class HeatMap(FileWatch):
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def mission(self) -> Mapping[str, Any]:
+        version = self._version  # before the content: what is read in between is news
         with self._lock:
             runs, read = len(set().union(*self._missions.values())), len(self.paths)
             count = f"{runs} of {read} runs" if runs < read else f"{runs} runs"
@@ -259,7 +260,7 @@ class HeatMap(FileWatch):
                 notices=[*left, *chain(*self.notices.values())],
                 control=["runs", *(["show"] if self._show is not None else [])],
                 heat=self._heat(),
-                version=self._version,
+                version=version,
                 empty=["No model is read yet", "The page shows the recordings as they are read."],
             )
 

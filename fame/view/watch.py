@@ -8,12 +8,13 @@ from contextlib import suppress
 from pathlib import Path, PurePath
 from typing import Any
 
-from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Human
+from fame.bpmn.library import BUILT_IN, Library, closure
+from fame.bpmn.model import CallActivity, Definitions, Human, Process
 from fame.bpmn.reader import read
 from fame.check import Finding, check
 from fame.check.scope import of_error
 from fame.closing import Closing
+from fame.config.loader import read_document
 from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, FameError, ModelError
 from fame.view.catalogue import NOWHERE, Catalogue
@@ -62,11 +63,16 @@ class FileWatch(Closing):
 
 @dataclass(slots=True)
 class _Reading:
-    """The content of the file at one time."""
+    """The content of the file at one time: the diagrams are those of the last one that could be read.
+
+    files     the files that were read, or that a scenario names
+    searched  folders of models in which a called process was not found
+    """
 
     catalogue: Catalogue
     findings: list[Finding] = field(default_factory=list)
     files: tuple[Path, ...] = ()
+    searched: tuple[Path, ...] = ()
     model: Definitions | None = None
     library: Library = field(default_factory=Library)
 
@@ -74,57 +80,73 @@ class _Reading:
 class ModelWatch(FileWatch):
     """The source of a page that shows a model, or the model of a scenario, as it is now.
 
-    `library` adds folders with called processes. Raises ConfigError if there is no such file, unless it is to `wait`.
+    It follows the files that were read, those with findings, and all models of folders where a called process was not
+    found. `library` adds folders with called processes. Raises ConfigError if there is no such file, unless it is to
+    `wait`.
     """
 
     def __init__(self, path: str | Path, library: Sequence[Path] = (), *, wait: bool = False) -> None:
         self._path, self._folders = Path(path), tuple(library)
         if not wait and not self._path.is_file():
             raise ConfigError("cannot be read: no such file", file=str(path))
-        self._now = self._read(None)
-        self._stamps = self._stamped() if not wait else {}
+        self._now, self._stamps = _Reading(Catalogue([])), dict[Path, Stamp]()
+        self._follow(self._stamped())
+        if wait:
+            self._stamps = {}
         super().__init__()
 
     def _watch(self) -> None:
         while not self._closed.wait(_POLL):
             stamps = self._stamped()
             if stamps != self._stamps:
-                self._stamps = stamps
-                self._now = self._read(self._now)
-                if self._stamps is stamps:  # nobody asked for another reading; the model may call other files now
-                    self._stamps = {path: stamps.get(path, now) for path, now in self._stamped().items()}
+                self._follow(stamps)
                 self._version += 1
                 self.on_read()
+
+    def _follow(self, stamps: dict[Path, Stamp]) -> None:
+        """Read the files, whose stamps were taken before: what is saved while they are read is read again."""
+        watched, self._stamps = self._watched(), stamps
+        self._now = self._read()
+        if self._stamps is stamps:  # nobody asked for another reading; the model may call other files now
+            new = {*self._now.files} - watched if self._now.model is not None else ()
+            stamped = self._stamped().items()
+            self._stamps = {path: stamps.get(path, now) for path, now in stamped if path in stamps or path in new}
 
     def on_read(self) -> None:
         """Do more with what was read; in the thread that watches."""
 
     def _stamped(self) -> dict[Path, Stamp]:
-        return stamps_of((self._path, *self._now.files))
+        return stamps_of(self._watched())
 
-    def _read(self, before: _Reading | None) -> _Reading:
+    def _watched(self) -> set[Path]:
+        told = (Path(finding.file) for finding in self._now.findings if finding.file)
+        models = (path for folder in self._now.searched for path in folder.glob("*.bpmn"))
+        return {self._path, *self._now.files, *told, *models}
+
+    def _read(self) -> _Reading:
         """Read the file; if that fails, return the previous diagrams with the error."""
+        named = _named(self._path)
         try:
             model, library = self._model()
-            files = _closure(model, library)
+            files, searched = _closure(model, library)
             found = check(model, library=library)
-            if self._path.suffix.lower() in (".yaml", ".yml") and not any(one.level == "error" for one in found):
+            if _is_scenario(self._path) and not any(one.level == "error" for one in found):
                 from fame.scenario.scenario import scenario_findings
 
                 found += scenario_findings(self._path, library=self._folders)
-            catalogue, names = Catalogue(files, library.find), tuple(Path(file.file) for file in files)
-            return _Reading(catalogue, found, names, model, library)
+            catalogue, names = Catalogue(files, library.find), (*named, *(Path(file.file) for file in files))
+            return _Reading(catalogue, found, names, searched, model, library)
         except (ModelError, ConfigError) as error:
             problem = of_error(error)
         except FameError as error:
             problem = Finding("error", str(error), str(self._path))
         except Exception as error:  # the page shows it, and what is saved next is read all the same
             problem = Finding("error", f"it could not be checked: {type(error).__name__}: {error}", str(self._path))
-        last = before or _Reading(Catalogue([]))
-        return _Reading(last.catalogue, [problem], last.files)
+        last = self._now
+        return _Reading(last.catalogue, [problem], tuple(dict.fromkeys((*named, *last.files))), last.searched)
 
     def _model(self) -> tuple[Definitions, Library]:
-        if self._path.suffix.lower() in (".yaml", ".yml"):
+        if _is_scenario(self._path):
             from fame.scenario.plan import read_scenario
 
             scenario = read_scenario(self._path)
@@ -134,7 +156,7 @@ class ModelWatch(FileWatch):
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def mission(self) -> Mapping[str, Any]:
-        now = self._now
+        version, now = self._version, self._now  # in this order: a reading in between has a later version, and is news
         return mission_json(
             "model",
             self._path.name,
@@ -142,7 +164,7 @@ class ModelWatch(FileWatch):
             (),
             chips=_chips(now.findings),
             findings=[self._finding(now.catalogue, one) for one in now.findings],
-            version=self._version,
+            version=version,
             empty=["The file cannot be shown", "\n".join(map(str, now.findings[:3]))],
         )
 
@@ -167,13 +189,34 @@ class ModelWatch(FileWatch):
         raise FameError("a model cannot be controlled: no mission is running")
 
 
-def _closure(model: Definitions, library: Library) -> list[Definitions]:
-    """The file and those of the processes that it calls; a missing file is a finding of the check."""
-    files = {model.file: model}
-    for process in model.processes:
+def _is_scenario(path: Path) -> bool:
+    return path.suffix.lower() in (".yaml", ".yml")
+
+
+def _named(path: Path) -> tuple[Path, ...]:
+    """Return the files of model and world that a scenario names, whether they are there or not."""
+    if _is_scenario(path):
+        with suppress(ConfigError):
+            keys = read_document(path).mapping()
+            texts = (keys[name].data for name in ("model", "world") if name in keys)
+            return tuple(path.parent / text for text in texts if isinstance(text, str))
+    return ()
+
+
+def _closure(model: Definitions, library: Library) -> tuple[list[Definitions], tuple[Path, ...]]:
+    """Return the file and those of the processes that it calls, and the folders where others were not found: what is
+    missing is a finding of the check."""
+    files, searched = {model.file: model}, dict[Path, None]()
+
+    def find(caller: Definitions, call: CallActivity) -> tuple[Definitions, Process] | None:
         with suppress(ModelError):
-            files.update((home.file, home) for home, _ in library.closure(model, process))
-    return list(files.values())
+            return library.find(caller, call)
+        searched.update(dict.fromkeys(folder for level in library.levels(caller) for folder in level))
+        return None
+
+    for process in model.processes:
+        files.update((home.file, home) for home, _ in closure(model, process, find))
+    return list(files.values()), tuple(folder for folder in searched if folder not in BUILT_IN)
 
 
 def _chips(findings: Sequence[Finding]) -> list[Chip]:
