@@ -247,6 +247,52 @@ def test_a_text_beside_the_chosen_columns_is_none_of_our_business(tmp_path: Path
     assert main(["monitor", "judge", str(tmp_path / "m.skops"), str(file)]) in (0, 1, 3)
 
 
+def test_what_is_to_be_excluded_has_to_be_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    model = tmp_path / "m.skops"
+    words = [
+        "monitor",
+        "train",
+        "--data",
+        str(with_texts(tmp_path / "runs.csv")),
+        "-o",
+        str(model),
+        "--exclude",
+        "step",
+    ]
+    assert main([*words, "B"]) == 2
+    expected = (
+        "runs.csv: Training.exclude: has no column or run 'B' (--exclude); it has stamp, run, a, step, b, and 6 runs"
+    )
+    assert expected in capsys.readouterr().err
+    assert main([*words, "run 6"]) == 2
+    assert "there is no run 6; there are 6, from run 0 on" in capsys.readouterr().err
+    assert not model.exists()
+
+
+def test_excluded_columns_of_parquet_are_known_also_when_they_are_texts(tmp_path: Path):
+    pd = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    file = tmp_path / "runs.parquet"
+    pd.DataFrame({"stamp": [0.0, 1.0], "a": [1.0, 2.0], "step": ["x", "y"]}).to_parquet(file)
+    (run,) = read_labelled_runs([file], (), Special(exclude=("step",)), undisturbed=True)
+    assert run.samples.names == ("a",)
+    with pytest.raises(ConfigError, match="has no column or run 'steps'"):
+        read_labelled_runs([file], (), Special(exclude=("step", "steps")), undisturbed=True)
+
+
+def test_an_anomalous_run_is_refused_by_its_column_unless_it_is_excluded(tmp_path: Path):
+    file = tmp_path / "runs.csv"
+    file.write_text("stamp,run,a,state\n0,0,1,0\n1,0,2,0\n2,1,3,0\n3,1,4,2\n")
+    special = Special(anomaly="state")
+    with pytest.raises(ConfigError, match="expected undisturbed runs, column 'state' is not 0 in run 1: leave it out"):
+        read_labelled_runs([file], (), special, undisturbed=True)
+    for names in ("run 1", "runs.csv"):
+        assert len(read_labelled_runs([file], (), special._replace(exclude=(names,)), undisturbed=True)) == 2
+    file.write_text("stamp,run,a,label\n0,0,1,1\n1,0,2,-1\n")
+    with pytest.raises(ConfigError, match=r"expected undisturbed runs \(label 1\), got label -1 in run 0"):
+        read_labelled_runs([file], (), undisturbed=True)
+
+
 def test_rows_that_are_left_out_are_counted_with_what_they_lack_and_where(tmp_path: Path):
     (tmp_path / "runs.csv").write_text("stamp,run,a,b\n0,0,1,2\n1,0,inf,3\n2,0,4,\n3,0,4,4\n4,1,1,1\n")
     bad, good = read_labelled_runs([tmp_path / "runs.csv"])
@@ -284,6 +330,20 @@ def test_blocks_behind_a_line_with_their_class_are_runs_and_one_class_trains(tmp
     with pytest.raises(ConfigError, match="expected 2 numbers, or the class of the next block, got '1'") as error:
         read_labelled_runs([tmp_path / "torn.data"], (), special)
     assert error.value.line == 11
+
+
+def test_a_benign_class_is_one_of_a_file_of_blocks(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file, model = with_texts(tmp_path / "runs.csv"), tmp_path / "m.skops"
+    words = ["monitor", "train", "--data", str(file), "--exclude", "step", "--detector", "pca", "-o", str(model)]
+    assert main([*words, "--benign", "normal"]) == 2
+    expected = (
+        "runs.csv: is no file of blocks, each behind a line with its class: none is of the class 'normal' (--benign)"
+    )
+    assert expected in capsys.readouterr().err
+    assert not model.exists()
+    assert main(words) == 0
+    assert main(["monitor", "judge", str(model), str(file), "--benign", "normal"]) == 2
+    assert expected in capsys.readouterr().err
 
 
 def test_a_file_is_read_from_a_start_to_an_end_at_a_rate_with_the_labels_of_a_column(tmp_path: Path):

@@ -10,7 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Generator, Iterator, Mapping, Sequence
+import re
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from heapq import merge
 from itertools import chain
 from operator import itemgetter
@@ -117,10 +118,13 @@ def read_labelled_runs(
     """
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
-    runs: list[LabelledRun] = []
+    runs, known = list[LabelledRun](), dict[str, None]()
     of_first: tuple[str, ...] = ()  # the columns of the first file, if none were asked for
     for path in map(Path, paths):
         table = _read_file(path, columns, special)
+        known |= dict.fromkeys((*table.names, *([special.element] if table.elements else [])))
+        if undisturbed:
+            check_blocks(path, special.benign)
         channels = tuple(name for name in table.names if name not in special.unwanted)
         if of_first and (more := sorted(set(channels) - set(of_first))):
             text = f"has columns that the first file lacks, {', '.join(more)}: say which to use (Columns)"
@@ -130,11 +134,41 @@ def read_labelled_runs(
         _check_columns(table, columns, special, path)
         read = _runs_of(table, columns, channels, special, path)
         runs += [run for run in read if not (undisturbed and special.benign and (run.labels == -1).any())]
-    for number, run in enumerate(runs if undisturbed else ()):
-        if (run.labels == -1).any():
-            text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
-            raise ConfigError(text, file=run.file)
+    if undisturbed:
+        _check_excluded(special, known, runs)
+        _check_undisturbed(special, runs)
     return runs
+
+
+def run_names(number: int, run: LabelledRun) -> set[str]:
+    """Return what a run can be excluded by: its number, or the name of its file."""
+    return {f"run {number}", Path(run.file).name}
+
+
+def _check_excluded(special: Special, known: Collection[str], runs: Sequence[LabelledRun]) -> None:
+    """Raise ConfigError for a name to exclude that is neither a column nor a file. Training adds runs that somebody
+    labelled, and then looks for numbers of runs."""
+    files = {Path(run.file).name for run in runs}
+    for name in special.exclude:
+        if name not in known and name not in files and not re.fullmatch(r"run \d+", name):
+            text = f"has no column or run {name!r} (--exclude); it has {', '.join(known)}, and {len(runs)} runs"
+            raise ConfigError(f"{text} from 'run 0' on", file=runs[0].file if runs else "", element="Training.exclude")
+
+
+def _check_undisturbed(special: Special, runs: Sequence[LabelledRun]) -> None:
+    """Raise ConfigError for a run with an anomalous sample, unless it is excluded."""
+    for number, run in enumerate(runs):
+        if (run.labels == -1).any() and not run_names(number, run) & set(special.exclude):
+            got = f"column {special.anomaly!r} is not 0" if special.anomaly else "got label -1"
+            text = f"expected undisturbed runs{'' if special.anomaly else ' (label 1)'}, {got} in run {number}"
+            raise ConfigError(f"{text}: leave it out (--exclude 'run {number}')", file=run.file)
+
+
+def check_blocks(path: Path, benign: str) -> None:
+    """Raise ConfigError for a file that has no blocks, of which one class was said to be `benign` (empty: none)."""
+    if benign and (path.suffix == ".parquet" or is_bag(path) or read_blocks(path) is None):
+        text = f"is no file of blocks, each behind a line with its class: none is of the class {benign!r} (--benign)"
+        raise ConfigError(text, file=str(path))
 
 
 def _read_file(path: Path, columns: Sequence[str], special: Special) -> Table:

@@ -277,8 +277,10 @@ def read_parquet(
         elements = tuple(frame.pop(element).astype(object).fillna("").astype(str)) if element in frame else ()
         for name in frame.columns:
             text = frame[name].dtype == object and wanted is not None and name not in wanted
-            if text or name in skip:
+            if text:
                 del frame[name]
+            elif name in skip:
+                frame[name] = 0.0  # the column is known, its texts are not
         dated = frame.select_dtypes(include=["datetime", "datetimetz"]).columns
         for name in dated:
             frame[name] = (frame[name].dt.tz_localize(None) - pd.Timestamp(0)) / pd.Timedelta(seconds=1)

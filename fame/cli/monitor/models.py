@@ -113,7 +113,7 @@ def judged_on_page(path: Path, recording: Path, arguments: Namespace) -> dict[st
 
 def read_for(model: TrainedModel, paths: Sequence[Path], arguments: Namespace) -> list[LabelledRun]:
     """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
-    from fame.monitor.data_files import ELEMENT, Special, is_bag, read_labelled_runs
+    from fame.monitor.data_files import ELEMENT, Special, check_blocks, is_bag, read_labelled_runs
     from fame.monitor.pipeline.join import Join
     from fame.monitor.pipeline.recording import RecordingOptions, tables_of
     from fame.monitor.tables import RUN, STAMP
@@ -132,6 +132,7 @@ def read_for(model: TrainedModel, paths: Sequence[Path], arguments: Namespace) -
     runs: list[LabelledRun] = []
     for path in paths:
         bag = is_bag(path)
+        check_blocks(path, getattr(arguments, "benign", None) or "")
         if bag and arguments.config is None:
             text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
             raise ConfigError(text, file=str(path))

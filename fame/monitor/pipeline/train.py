@@ -33,6 +33,7 @@ from fame.monitor.data_files import (
     hash_files,
     rate_of,
     read_labelled_runs,
+    run_names,
 )
 from fame.monitor.labels import read_labels, with_labels
 from fame.monitor.pipeline import processors
@@ -202,10 +203,10 @@ def train(
 
 def _chosen(read: Sequence[LabelledRun], config: Training) -> list[int]:
     """Return the numbers of the runs that have samples and are not excluded. Raises ConfigError for an unknown run."""
-    called = [{f"run {number}", Path(run.file).name} for number, run in enumerate(read)]
-    if unknown := [name for name in config.exclude if re.fullmatch(r"run \d+", name) and {name} - set().union(*called)]:
+    names = [run_names(number, run) for number, run in enumerate(read)]
+    if unknown := [name for name in config.exclude if re.fullmatch(r"run \d+", name) and {name} - set().union(*names)]:
         raise ConfigError(f"there is no {unknown[0]}; there are {len(read)}, from run 0 on", element="Training.exclude")
-    return [at for at, run in enumerate(read) if len(run.samples) and not called[at] & set(config.exclude)]
+    return [at for at, run in enumerate(read) if len(run.samples) and not names[at] & set(config.exclude)]
 
 
 def fit(
