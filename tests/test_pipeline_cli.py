@@ -20,13 +20,17 @@ from domains import PROCESSES as DOMAIN
 
 from fame.cli import main
 from fame.cli.monitor import ros
+from fame.cli.monitor.pipelines import _plot_training, _values_of
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
+from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import load
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import make_processors
+from fame.monitor.pipeline.threshold import Threshold
+from fame.monitor.pipeline.train import Training, fit
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.plots import plot_loss
 
@@ -103,6 +107,12 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
         (["monitor", "process", "{low_pass}", "--set", "cutoff"], "expected NAME=VALUE, as in cutoff=5, got 'cutoff'"),
         (["monitor", "process", "{low_pass}", "--frequency", "0"], "expected a number above 0, got '0'"),
         (["monitor", "record", "{low_pass}", "-o", "x.csv", "--bag", "none.bag"], "none.bag: is not a readable bag"),
+        (["monitor", "process", "{low_pass}", "--set", "cut=5"], "cut: unknown parameter; known are cutoff"),
+        (
+            ["monitor", "record", "{low_pass}", "-o", "x.csv", "--bag", "b", "--duration", "3"],
+            "--duration is for listening",
+        ),
+        (["monitor", "train", "{low_pass}", "--onnx-single"], "--onnx-single is about the file of --onnx"),
         (["monitor", "train", "{low_pass}"], "has no section Training"),
         (["topic", "plot", "/a", "-o", "x.png"], "expected /topic:field"),
         (["topic", "plot", "/a:b", "-o", "x.svg"], "expected a file with the ending .png, got '.svg'"),
@@ -116,6 +126,34 @@ def test_a_wrong_request_is_one_line_and_exit_code_2(
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
+
+
+def test_a_parameter_is_set_on_every_node_that_has_it_and_refused_if_none_has(low_pass: Path) -> None:
+    chains = [make_processors(load(low_pass)), [Threshold(threshold=1.0)], make_processors(load(low_pass))]
+    values = [("cutoff", 5), ("threshold", 2), ("cutoff", 7)]
+    cutoffs = [("cutoff", 5), ("cutoff", 7)]
+    assert _values_of(chains, values) == [cutoffs, [("threshold", 2)], cutoffs]
+    with pytest.raises(ConfigError, match=r"cut: unknown parameter; known are cutoff, .*threshold"):
+        _values_of(chains, [("cut", 5)])
+
+
+@pytest.mark.parametrize("lengths", [(60, 60, 60), (60, 5, 60)])
+def test_each_plot_has_the_number_of_its_run_and_only_plots_are_counted(
+    lengths: tuple[int, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fame.monitor.plots.plot_loss", lambda loss, path, **_: path.touch())
+    rows = [
+        f"{0.01 * index:.3f},{run},{np.sin(index / 9 + run / 9):.6f}"
+        for run, long in enumerate(lengths)
+        for index in range(long)
+    ]
+    (tmp_path / "a.csv").write_text("\n".join(["stamp,run,elbow", *rows]) + "\n")
+    training = Training(files=(str(tmp_path / "a.csv"),), window=10, detector="pca")
+    model = fit(read_runs(training.files), training)
+    _plot_training(tmp_path / "plots", model, training)
+    long = [number for number, length in enumerate(lengths) if length == 60]
+    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == [f"run_{number:03d}.png" for number in long]
+    assert f"{len(long)} plots in " in capsys.readouterr().err
 
 
 def test_the_graph_of_a_pipeline_shows_nodes_and_topics_in_order(tmp_path: Path) -> None:

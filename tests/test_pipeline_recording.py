@@ -135,7 +135,10 @@ def test_runs_are_told_apart_by_a_topic_and_a_file_goes_on_with_the_next(tmp_pat
             bench.run()
             bench.joints(stamp, 1.0, 2.0)
             bench.run()
+        bench.begin.publish(messages.create("std_msgs/msg/Empty"))
+        bench.run()
         node.close()
+        assert node.recorded_runs == 2, "one that has no rows yet does not count"
     assert [line.split(",")[1] for line in (tmp_path / "a.csv").read_text().splitlines()] == ["run", *"0123"]
     with pytest.raises(ConfigError, match="exists already; use --append to continue it"):
         bench.record(configuration(tmp_path), tmp_path / "a.csv")

@@ -60,7 +60,7 @@ def add_process(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], type=assignment, metavar="NAME=VALUE", dest="values",
-        help="a parameter of the processors; repeatable",
+        help="a parameter, of all processing nodes that have it; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--frequency", type=positive, metavar="HZ", help="calls per second, instead of those of the configuration"
@@ -104,25 +104,39 @@ def run_process(arguments: Namespace) -> int:
     for chain, configuration in zip(chains, configurations, strict=True):
         assign(chain, configuration)
 
+    values = _values_of(chains, arguments.values)
+
     def make(middleware: Middleware, scheduler: Scheduler) -> ExitStack:
-        nodes = ExitStack()
-        for chain, configuration in zip(chains, configurations, strict=True):
-            node = ProcessingNode(
-                middleware, scheduler, configuration, processors=chain, namespace=arguments.namespace, report=note
-            )
-            nodes.callback(node.close)
-            for name, value in arguments.values:
-                node.set(name, value)
-            note(f"{configuration.name}: {' -> '.join(type(each).__name__ for each in chain)} "
-                 f"at {configuration.frequency:g} Hz")  # fmt: skip
-        return nodes
+        with ExitStack() as nodes:
+            for chain, configuration, own in zip(chains, configurations, values, strict=True):
+                node = ProcessingNode(
+                    middleware, scheduler, configuration, processors=chain, namespace=arguments.namespace, report=note
+                )
+                nodes.callback(node.close)
+                for name, value in own:
+                    node.set(name, value)
+                note(f"{configuration.name}: {' -> '.join(type(each).__name__ for each in chain)} "
+                     f"at {configuration.frequency:g} Hz")  # fmt: skip
+            return nodes.pop_all()
 
     listen(arguments, make)
     return 0
 
 
+def _values_of(chains: Sequence[Sequence[Any]], values: Sequence[tuple[str, Any]]) -> list[list[tuple[str, Any]]]:
+    """Return for each chain the values of the parameters that it has. Raises ConfigError for one that none has."""
+    from fame.monitor.pipeline.parameters import owners
+
+    known = [owners(chain) for chain in chains]
+    for name, _ in values:
+        if not any(name in each for each in known):
+            names = dict.fromkeys(name for each in known for name in each)
+            raise ConfigError(f"unknown parameter; known are {', '.join(names) or 'none'}", element=name)
+    return [[(name, value) for name, value in values if name in each] for each in known]
+
+
 def _configured(path: Path, arguments: Namespace) -> Configuration:
-    """A configuration, with what the command line says instead."""
+    """Return a configuration, with what the command line says instead. Raises ConfigError."""
     from fame.config.values import ConfigValue
     from fame.monitor.pipeline.configuration import hertz, load, stages_of
 
@@ -183,10 +197,13 @@ _SILENT = "its topics were silent"
 
 
 def run_record(arguments: Namespace) -> int:
-    """Record until interrupted, or until the bag ends; exit code 3 if an output lacks some of what came."""
+    """Record until interrupted, for the duration, or until the bag ends; exit code 3 if an output lacks some of what
+    came."""
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions, record_bag
 
+    if arguments.bag is not None and arguments.duration is not None:
+        raise ConfigError("--duration is for listening: a bag is read to its end")
     configuration = load(arguments.configuration)
     options = RecordingOptions(
         namespace=arguments.namespace, append=arguments.append, run_topic=arguments.run_topic,
@@ -204,7 +221,7 @@ def run_record(arguments: Namespace) -> int:
         node = record_bag(arguments.bag, configuration, arguments.output, options)
     else:
         node = listen(arguments, make)
-    rows, runs = node.rows, node.run + bool(node.rows)
+    rows, runs = node.rows, node.recorded_runs
     left_out = node.left_out
     if not rows:
         raise MissionError(f"nothing was recorded: {'; '.join(each.text for each in left_out) or _SILENT}")
@@ -298,6 +315,8 @@ def run_train(arguments: Namespace) -> int:
 
     if arguments.onnx is not None:
         require("onnx")
+    elif arguments.onnx_single:
+        raise ConfigError("--onnx-single is about the file of --onnx, which is not given")
     training, file = _training(arguments)
     names = [name for name in ("config", "namespace", "elements") if getattr(arguments, name)]
     if names and not any(is_bag(Path(each)) for each in training.files):
@@ -480,15 +499,17 @@ def _trained(path: Path, model: TrainedModel, training: Training, warnings: list
 
 
 def _plot_training(folder: Path, model: TrainedModel, training: Training) -> None:
-    """Draw the loss of each training run."""
-    from fame.monitor.data_files import read_runs
+    """Draw the loss of each training run that has a window, under the number that messages give it."""
+    from fame.monitor.data_files import read_labelled_runs
     from fame.monitor.pipeline.train import losses, prepared
     from fame.monitor.plots import plot_loss
 
     folder.mkdir(parents=True, exist_ok=True)
-    runs = read_runs(training.files, model.columns, training.special)
+    runs = [run.samples for run in read_labelled_runs(training.files, model.columns, training.special)]
+    drawn = 0
     for number, run in enumerate(prepared(runs, training)):
-        loss = losses(model, run, training.stride)
-        if len(loss):
+        if len(run) and len(loss := losses(model, run, training.stride)):
             plot_loss(loss, folder / f"run_{number:03d}.png", thresholds=model.thresholds, title=f"run {number}")
-    note(f"{len(runs)} plots in {folder}")
+            drawn += 1
+    left_out = f"; too short to be judged: {len(runs) - drawn} runs" if drawn < len(runs) else ""
+    note(f"{drawn} {'plot' if drawn == 1 else 'plots'} in {folder}{left_out}")

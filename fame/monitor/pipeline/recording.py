@@ -141,6 +141,11 @@ class RecordingNode(InputNode):
             output.close()
 
     @property
+    def recorded_runs(self) -> int:
+        """How many runs have rows."""
+        return self.run + self._begun
+
+    @property
     def stored(self) -> list[RowsStored]:
         """What each output has, in their order, once the node is closed."""
         return [each.stored for each in self._outputs]
