@@ -146,23 +146,42 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the name of a file beside another one, whose place it takes if the block ends without an error: nobody sees
     a part of it, and what was there stays until then. Folders are made. A device is written itself.
 
-    Raises ConfigError, with the name of the file, for OSError.
+    A file that exists keeps its mode, access control list and, where the system allows it, its owner. Raises
+    ConfigError, with the name of the file, for OSError, and before the block for a file that is write-protected.
     """
+    from tempfile import TemporaryDirectory
+
     whole = Path(path)
     direct = whole.is_relative_to("/dev") or (whole.exists() and not whole.is_file())
     whole = whole if direct else Path(os.path.realpath(path))  # a link stays one
-    part = whole if direct else whole.with_name(f".part.{whole.name}")
     try:
         whole.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        if part != whole and part.exists():
-            part.replace(whole)
+        if direct:
+            yield whole
+            return
+        if whole.exists() and not (whole.stat().st_mode & 0o222 and os.access(whole, os.W_OK)):  # root may write any
+            raise PermissionError(errno.EACCES, "it is write-protected")
+        with TemporaryDirectory(prefix=".part.", dir=whole.parent, ignore_cleanup_errors=True) as private:
+            part = Path(private, whole.name)
+            yield part
+            if part.exists():
+                if whole.exists():
+                    _take_rights(part, whole)
+                part.replace(whole)
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror or error}", file=str(path)) from None
-    finally:
-        if part != whole:
-            with suppress(OSError):  # its folder is not one, or cannot be listed
-                part.unlink(missing_ok=True)
+
+
+def _take_rights(part: Path, whole: Path) -> None:
+    """Give a new file the mode, access control list and owner of the one that it replaces."""
+    from shutil import copystat
+
+    old, new = whole.stat(), part.stat()
+    for owner, group in ((-1, old.st_gid), (old.st_uid, -1)):
+        with suppress(AttributeError, PermissionError):  # Windows has no owners
+            os.chown(part, owner, group)
+    copystat(whole, part)
+    os.utime(part, ns=(new.st_atime_ns, new.st_mtime_ns))
 
 
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:

@@ -99,3 +99,33 @@ def test_a_file_is_replaced_when_it_is_whole_and_a_link_or_a_device_stays_one(tm
     assert device.is_fifo()
     with writing("/dev/stdout") as part:
         assert part == Path("/dev/stdout")
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o755])
+def test_a_file_that_is_replaced_keeps_its_mode_and_owner(mode: int, tmp_path: Path) -> None:
+    file = tmp_path / "secret.txt"
+    file.write_text("old")
+    file.chmod(mode)
+    os.utime(file, (0, 0))
+    owner = (1234, 2345) if os.geteuid() == 0 else (os.geteuid(), os.getegid())
+    os.chown(file, *owner)
+    with writing(file) as part:
+        part.write_text("new")
+        assert part.parent.stat().st_mode & 0o777 == 0o700  # nobody reads it meanwhile
+    found = file.stat()
+    assert (file.read_text(), found.st_mode & 0o777, found.st_uid, found.st_gid) == ("new", mode, *owner)
+    assert found.st_mtime > 0
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_write_protected_file_is_refused_before_the_work(tmp_path: Path) -> None:
+    file = tmp_path / "kept.txt"
+    file.write_text("old")
+    file.chmod(0o444)
+    begun = []
+    with (
+        pytest.raises(ConfigError, match=r"kept\.txt: cannot be written: it is write-protected$"),
+        writing(file) as part,
+    ):
+        begun.append(part)
+    assert (begun, file.read_text()) == ([], "old")
