@@ -56,7 +56,11 @@ def test_an_alarm_that_was_false_raises_the_thresholds_of_the_next_training(
 def test_a_run_that_is_anomalous_trains_no_longer(model: Path, capsys: pytest.CaptureFixture[str]):
     runs = model.with_name("runs.csv")
     assert main(["monitor", "label", f"{runs}:3", "--anomalous", "--model", str(model)]) == 0
+    capsys.readouterr()
     assert main(["monitor", "retrain", str(model)]) == 0
+    warning = capsys.readouterr().err
+    assert "warning: run 3 is left out: labelled anomalous" in warning
+    assert "not known as a whole" not in warning
     assert TrainedModel.load(model).conditions["runs"] == 7
     assert main(["monitor", "label", f"{runs}:3", "--benign", "--model", str(model)]) == 0  # the last word counts
     assert main(["monitor", "retrain", str(model)]) == 0
@@ -68,9 +72,33 @@ def test_what_cannot_be_labelled_or_trained_again_is_said(model: Path, capsys: p
     runs = model.with_name("runs.csv")
     assert main(["monitor", "label", f"{runs}:8", "--benign", "--model", str(model)]) == 2
     assert "has no run 8; it has 8, from 0 on" in capsys.readouterr().err
-    model.with_name("m.labels.json").write_text("[1]")
-    assert main(["monitor", "retrain", str(model)]) == 2
-    assert "m.labels.json: is not what fame monitor label writes" in capsys.readouterr().err
+    for text in ("[1]", '{"ab12": 1}', '{"ab12": {"file": "runs.csv", "run": 1, "label": "benign"}}'):
+        model.with_name("m.labels.json").write_text(text)
+        assert main(["monitor", "retrain", str(model)]) == 2
+        said = capsys.readouterr().err
+        assert (
+            "m.labels.json: is not what fame monitor label writes: expected the hash of each run with texts as" in said
+        )
+        assert "object" not in said
     runs.unlink()
     assert main(["monitor", "retrain", str(model)]) == 2
     assert "runs.csv: cannot be read" in capsys.readouterr().err
+
+
+def test_a_label_can_be_taken_back_also_of_a_file_that_is_gone(model: Path, capsys: pytest.CaptureFixture[str]):
+    later = write_runs(model.with_name("later.csv"), [run(20), run(21)])
+    words = ["--model", str(model)]
+    assert main(["monitor", "label", str(later), f"{model.with_name('runs.csv')}:2", "--benign", *words]) == 0
+    later.unlink()
+    assert main(["monitor", "retrain", str(model)]) == 2
+    said = capsys.readouterr().err
+    assert "m.labels.json: has a label of run 1 of a file that cannot be used" in said
+    assert f"fame monitor label {later} --remove --model {model}" in said
+    assert main(["monitor", "label", f"{later}:1", f"{later}:2", "--remove", *words]) == 2
+    assert f"m.labels.json: has no label of {later}:2; it has {later}:0, {later}:1, " in capsys.readouterr().err
+    assert main(["monitor", "label", f"{later}:1", "--remove", *words]) == 0  # the failure before removed nothing
+    assert main(["monitor", "label", str(later), "--remove", *words]) == 0
+    assert "1 label removed" in capsys.readouterr().out
+    (left,) = json.loads(model.with_name("m.labels.json").read_text()).values()
+    assert left["run"] == "2"
+    assert main(["monitor", "retrain", str(model)]) == 0

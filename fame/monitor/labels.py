@@ -11,15 +11,17 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from fame.errors import ConfigError
 from fame.monitor.copies import run_hash
 from fame.monitor.data_files import LabelledRun, Special, read_labelled_runs
-from fame.text import write_file
+from fame.text import read_json, write_file
 
 Said = Mapping[str, Mapping[str, str]]
 """What was said last of a run, by its hash."""
 LABELS = ("benign", "anomalous")
+_KEYS = ("file", "run", "label", "who", "when")
 
 
 def _path(model: str | Path) -> Path:
@@ -30,12 +32,20 @@ def read_labels(model: str | Path) -> Said:
     """Return what was said of runs. Raises ConfigError for a damaged file."""
     path = _path(model)
     try:
-        said = json.loads(path.read_text("utf-8")) if path.exists() else {}
-        if wrong := [each for each in said.values() if each["label"] not in LABELS or not each["file"]]:
-            raise ValueError(f"got {wrong[0]}")
-    except (OSError, ValueError, TypeError, AttributeError, LookupError) as error:
-        raise ConfigError(f"is not what fame monitor label writes ({error})", file=str(path)) from None
+        said = read_json(path.read_text("utf-8"), longest=100_000_000) if path.exists() else {}
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"is not what fame monitor label writes: {error}", file=str(path)) from None
+    wrong = [each for each in said.values() if not _is_said(each)] if isinstance(said, dict) else [said]
+    if wrong:
+        wanted = f"the hash of each run with texts as {', '.join(_KEYS)}, the label one of {', '.join(LABELS)}"
+        text = f"is not what fame monitor label writes: expected {wanted}, got {json.dumps(wrong[0])[:80]}"
+        raise ConfigError(text, file=str(path))
     return dict(said)
+
+
+def _is_said(each: Any) -> bool:
+    texts = isinstance(each, dict) and all(isinstance(each.get(key), str) for key in _KEYS)
+    return texts and each["label"] in LABELS and bool(each["file"]) and each["run"].isdecimal()
 
 
 def add_labels(model: str | Path, runs: Sequence[tuple[int, LabelledRun]], label: str, who: str) -> None:
@@ -47,32 +57,59 @@ def add_labels(model: str | Path, runs: Sequence[tuple[int, LabelledRun]], label
         }
         for number, run in runs
     }  # fmt: skip
-    write_file(_path(model), json.dumps({**read_labels(model), **said}, indent=1) + "\n")
+    _write(model, {**read_labels(model), **said})
 
 
-def labelled_runs(said: Said, columns: Sequence[str], special: Special) -> list[tuple[Mapping[str, str], LabelledRun]]:
+def remove_labels(model: str | Path, runs: Sequence[tuple[str, str]]) -> int:
+    """Take back what was said of runs, each a file, which may be gone, and a number (empty: all of the file). Returns
+    of how many. Raises ConfigError for a run without a label."""
+    said, removed = read_labels(model), set[str]()
+    for file, number in runs:
+        at = str(Path(file).resolve())
+        found = {key for key, each in said.items() if each["file"] == at and number in ("", each["run"])}
+        if not found:
+            known = ", ".join(f"{each['file']}:{each['run']}" for each in said.values()) or "none"
+            name = f"{file}:{number}" if number else file
+            raise ConfigError(f"has no label of {name}; it has {known}", file=str(_path(model)))
+        removed |= found
+    _write(model, {key: each for key, each in said.items() if key not in removed})
+    return len(removed)
+
+
+def _write(model: str | Path, said: Said) -> None:
+    write_file(_path(model), json.dumps(said, indent=1) + "\n")
+
+
+def labelled_runs(
+    model: str | Path, columns: Sequence[str], special: Special
+) -> list[tuple[Mapping[str, str], LabelledRun]]:
     """Return what was said of runs, each with the run, if its file still has it. Raises ConfigError for a lost file."""
-    files = sorted({each["file"] for each in said.values()})
-    runs = read_labelled_runs(files, columns, special._replace(start=0.0, end=math.inf)) if files else []
-    hashes = [run_hash(run.samples.channels()) if len(run.samples) else "" for run in runs]
-    first = dict(zip(reversed(hashes), reversed(runs), strict=True))
+    said, first = read_labels(model), dict[str, LabelledRun]()
+    for file, number in {each["file"]: each["run"] for each in said.values()}.items():
+        try:
+            runs = read_labelled_runs([file], columns, special._replace(start=0.0, end=math.inf))
+        except ConfigError as error:
+            text = f"has a label of run {number} of a file that cannot be used ({error})"
+            mend = f"fame monitor label {file} --remove --model {model} takes back what was said of its runs"
+            raise ConfigError(f"{text}: {mend}", file=str(_path(model))) from None
+        for run in runs:
+            first.setdefault(_hash(run), run)
     return [(each, first[key]) for key, each in said.items() if key in first]
 
 
 def with_labels(
-    runs: Sequence[LabelledRun], said: Said, columns: Sequence[str], special: Special
-) -> tuple[list[LabelledRun], list[int]]:
-    """Return the runs, those that are anomalous empty, and more that are benign; and the numbers of benign ones.
+    runs: Sequence[LabelledRun], model: str | Path, columns: Sequence[str], special: Special
+) -> tuple[list[LabelledRun], list[int], list[int]]:
+    """Return the runs, with more that are benign by what was said; the numbers of benign and of anomalous ones.
 
     Raises ConfigError for a lost file."""
-    labels = {key: each["label"] for key, each in said.items()}
-    hashes = [run_hash(run.samples.channels()) if len(run.samples) else "" for run in runs]
-    more = [run for each, run in labelled_runs(said, columns, special) if each["label"] == LABELS[0]]
-    more = [run for run in more if run_hash(run.samples.channels()) not in hashes]
-    kept = [_empty(run) if labels.get(key) == LABELS[1] else run for run, key in zip(runs, hashes, strict=True)]
-    benign = [at for at, key in enumerate(hashes) if labels.get(key) == LABELS[0]]
-    return [*kept, *more], [*benign, *range(len(kept), len(kept) + len(more))]
+    hashes = [_hash(run) for run in runs]
+    labels = {key: each["label"] for key, each in read_labels(model).items()}
+    more = [run for each, run in labelled_runs(model, columns, special) if each["label"] == LABELS[0]]
+    every = [*runs, *(run for run in more if _hash(run) not in hashes)]
+    benign, anomalous = ([at for at, key in enumerate(hashes) if labels.get(key) == label] for label in LABELS)
+    return every, [*benign, *range(len(runs), len(every))], anomalous
 
 
-def _empty(run: LabelledRun) -> LabelledRun:
-    return run._replace(samples=run.samples.replace(run.samples.values[:0], run.samples.stamps[:0]))
+def _hash(run: LabelledRun) -> str:
+    return run_hash(run.samples.channels()) if len(run.samples) else ""

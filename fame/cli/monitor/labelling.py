@@ -19,34 +19,47 @@ if TYPE_CHECKING:
     from fame.monitor.pipeline.trained_model import TrainedModel
 
 
+_LABEL_EXAMPLES = (
+    "fame monitor label monday.csv:3 --benign --model joint_monitor.skops",
+    "fame monitor label monday.csv:3 --remove --model joint_monitor.skops",
+)
+
+
 def add_label(commands: Commands) -> None:
     parser = command(
         commands, "label", run_label,
-        examples=("fame monitor label monday.csv:3 --benign --model joint_monitor.skops",),
+        examples=_LABEL_EXAMPLES,
         help="say what recorded runs are, such as that an alarm was false; the next training of the model uses it",
     )  # fmt: skip
     parser.add_argument("runs", nargs="+", metavar="RUN", help="CSV file with its runs, or one of them: runs.csv:3")
     label = parser.add_mutually_exclusive_group(required=True)
     label.add_argument("--benign", dest="label", action="store_const", const="benign", help="it trains")
     label.add_argument("--anomalous", dest="label", action="store_const", const="anomalous", help="it does not train")
+    label.add_argument("--remove", dest="label", action="store_const", const="",
+                       help="take back what was said, also of a file that is gone")  # fmt: skip
     parser.add_argument("--model", type=Path, required=True, metavar="MODEL.skops", help="beside which that is stored")
     parser.set_defaults(config=None, namespace="")
     parser.add_argument("--by", metavar="NAME", help="who says so (default: the user)")
 
 
 def run_label(arguments: Namespace) -> int:
-    """Store what is said of runs."""
+    """Store what is said of runs, or take it back."""
     from fame.cli.monitor.models import read_for
-    from fame.monitor.labels import add_labels
+    from fame.monitor.labels import add_labels, remove_labels
     from fame.monitor.pipeline.trained_model import TrainedModel
 
+    found = [re.fullmatch(r"(.+):(\d+)", text) or (text, text, "") for text in arguments.runs]
+    named = [(each[1], each[2] and str(int(each[2]))) for each in found]
+    if not arguments.label:
+        count = remove_labels(arguments.model, named)
+        print(f"{count} {'label' if count == 1 else 'labels'} removed: fame monitor retrain {arguments.model}")
+        return 0
     model, chosen = TrainedModel.load(arguments.model), []
-    for text in arguments.runs:
-        found = re.fullmatch(r"(.+):(\d+)", text)
-        runs = list(enumerate(read_for(model, [Path(found[1] if found else text)], arguments)))
-        if found and int(found[2]) >= len(runs):
-            raise ConfigError(f"has no run {found[2]}; it has {len(runs)}, from 0 on", file=found[1])
-        chosen += [runs[int(found[2])]] if found else runs
+    for file, number in named:
+        runs = list(enumerate(read_for(model, [Path(file)], arguments)))
+        if number and int(number) >= len(runs):
+            raise ConfigError(f"has no run {number}; it has {len(runs)}, from 0 on", file=file)
+        chosen += [runs[int(number)]] if number else runs
     add_labels(arguments.model, chosen, arguments.label, arguments.by or getuser())
     print(f"{len(chosen)} {arguments.label} {'run' if len(chosen) == 1 else 'runs'}: fame monitor retrain "
           f"{arguments.model} uses what is said")  # fmt: skip
@@ -67,7 +80,7 @@ def run_retrain(arguments: Namespace) -> int:
     """Train again as before, and say what changed in thresholds and in verdicts on the runs with labels."""
     from fame.cli.monitor.pipelines import store_trained
     from fame.monitor.judge import judge_trained
-    from fame.monitor.labels import labelled_runs, read_labels
+    from fame.monitor.labels import labelled_runs
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     path = arguments.model
@@ -75,10 +88,10 @@ def run_retrain(arguments: Namespace) -> int:
     config = _settings(old, arguments.data, path)
     more = Namespace(output=path, check=False, compare=False, keep=arguments.keep, onnx=None, plots=None, json=False)
     store_trained(more, config, str(path), config.files, lambda runs, columns: runs)
-    new, said = TrainedModel.load(path), read_labels(path)
+    new = TrainedModel.load(path)
     pairs = zip(old.columns, old.thresholds, new.thresholds, strict=True)
     print(f"\n{table(('threshold of', 'before', 'now'), [(n, f'{a:.4g}', f'{b:.4g}') for n, a, b in pairs])}")
-    runs = labelled_runs(said, old.columns, config.special)
+    runs = labelled_runs(path, old.columns, config.special)
     before, now = (judge_trained(model, [run for _, run in runs], "").runs for model in (old, new))
     rows = [
         (

@@ -35,7 +35,7 @@ from fame.monitor.data_files import (
     read_labelled_runs,
     run_names,
 )
-from fame.monitor.labels import read_labels, with_labels
+from fame.monitor.labels import with_labels
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.cycles import WITHIN, found_of, phases_of
@@ -184,8 +184,9 @@ def train(
     """
     read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
     columns = read[0].samples.names if read else config.columns
-    read, benign = with_labels(read, read_labels(config.model), columns, config.special)
-    numbers = _chosen(read, config)
+    read, benign, anomalous = with_labels(read, config.model, columns, config.special)
+    used = [number for number in _chosen(read, config) if number not in anomalous]
+    numbers = [number for number in used if len(read[number].samples)]
     runs = [read[number].samples for number in numbers]
     cut, runs = len(runs) == 1, parts(runs[0], config.window) if len(runs) == 1 else runs
     model = fit(
@@ -196,17 +197,18 @@ def train(
     more = {
         "cut": [told] if cut else [], "benign": benign, "numbers": [places[at] for at in model.conditions["numbers"]],
         "jumps": [(places[at], *jump) for at, *jump in model.conditions["jumps"]],
-        "files": [Path(path).name for path in config.files], "missing": missing(complete(read, model.columns)),
+        "files": [Path(path).name for path in config.files], "anomalous": anomalous,
+        "missing": missing(complete(read, model.columns), used),
     }  # fmt: skip
     return replace(model, conditions={**model.conditions, **more})
 
 
 def _chosen(read: Sequence[LabelledRun], config: Training) -> list[int]:
-    """Return the numbers of the runs that have samples and are not excluded. Raises ConfigError for an unknown run."""
+    """Return the numbers of the runs that are not excluded. Raises ConfigError for an unknown run."""
     names = [run_names(number, run) for number, run in enumerate(read)]
     if unknown := [name for name in config.exclude if re.fullmatch(r"run \d+", name) and {name} - set().union(*names)]:
         raise ConfigError(f"there is no {unknown[0]}; there are {len(read)}, from run 0 on", element="Training.exclude")
-    return [at for at, run in enumerate(read) if len(run.samples) and not names[at] & set(config.exclude)]
+    return [at for at in range(len(read)) if not names[at] & set(config.exclude)]
 
 
 def fit(

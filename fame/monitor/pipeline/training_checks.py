@@ -78,6 +78,7 @@ def warnings_of(model: TrainedModel) -> list[str]:
         notes.append(f"{short} of {model.conditions['runs']} runs are shorter than a window: they set no threshold")
     if dropped := model.conditions.get("copies", 0):
         notes.append(f"{dropped} runs that are copies of others were left out")
+    notes += [f"run {number} is left out: labelled anomalous" for number in model.conditions.get("anomalous", [])]
     notes += model.conditions.get("cut", []) + model.conditions.get("missing", [])
     notes += drifting(model)
     notes += [text] if (text := memorised(model)) else outliers(model).values()
@@ -93,10 +94,10 @@ def warnings_of(model: TrainedModel) -> list[str]:
     return notes
 
 
-def missing(runs: Sequence[LabelledRun]) -> list[str]:
-    """Say how much of the runs is not known, since rows or messages were left out."""
-    known = [round(run.known, 3) for run in runs]
-    short = [number for number, share in enumerate(known) if share < WHOLE or runs[number].lacking]
+def missing(runs: Sequence[LabelledRun], used: Sequence[int]) -> list[str]:
+    """Say how much of the runs that are used, by number, is not known, since rows or messages were left out."""
+    known = {number: round(runs[number].known, 3) for number in used}
+    short = [number for number, share in known.items() if share < WHOLE or runs[number].lacking]
     if not short:
         return []
     worst = min(short, key=lambda number: known[number])
@@ -104,7 +105,7 @@ def missing(runs: Sequence[LabelledRun]) -> list[str]:
     empty = f"{run.gaps} of {run.gaps + len(run.samples)} rows have an empty cell"
     why = [*([run.lacking] if run.lacking else []), *run.notes] or [empty]
     share = f"{100 * known[worst]:{'.0f' if known[worst] < WHOLE else '.4g'}} %"
-    found = f"{len(short)} of {len(runs)} runs are not known as a whole, run {worst} to {share}"
+    found = f"{len(short)} of {len(used)} runs are not known as a whole, run {worst} to {share}"
     return [f"{found}: {'; '.join(why)}"]
 
 
