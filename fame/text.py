@@ -184,6 +184,17 @@ def _take_rights(part: Path, whole: Path) -> None:
     os.utime(part, ns=(new.st_atime_ns, new.st_mtime_ns))
 
 
+def writable(path: Path) -> None:
+    """Make the folder that a result will be written to, and try whether it can be, before hours are spent on it.
+
+    Raises ConfigError.
+    """
+    if path.is_dir():
+        raise ConfigError("expected a file, got a folder", file=str(path))
+    with writing(path):  # makes a folder beside it
+        pass
+
+
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write a whole file, as `writing` does."""
     with writing(path) as part:

@@ -332,6 +332,19 @@ def test_blocks_behind_a_line_with_their_class_are_runs_and_one_class_trains(tmp
     assert error.value.line == 11
 
 
+@pytest.mark.parametrize("option", ["--output", "--onnx"])
+def test_what_cannot_be_written_is_said_before_training(
+    tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(training, "train", lambda *args, **more: pytest.fail("it trained"))
+    monkeypatch.setattr("fame.imports.require", lambda *modules: None)
+    (tmp_path / "file").touch()
+    words = ["monitor", "train", "--data", str(tmp_path / "runs.csv"), "--output", str(tmp_path / "m.skops")]
+    for path, wrong in ((tmp_path, "expected a file, got a folder"), (tmp_path / "file" / "m", "cannot be written")):
+        assert main([*words, option, str(path)]) == 2
+        assert f"{path}: {wrong}" in capsys.readouterr().err
+
+
 def test_a_benign_class_is_one_of_a_file_of_blocks(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file, model = with_texts(tmp_path / "runs.csv"), tmp_path / "m.skops"
     words = ["monitor", "train", "--data", str(file), "--exclude", "step", "--detector", "pca", "-o", str(model)]

@@ -18,11 +18,11 @@ from fame.cli.monitor.anomaly_data import (
     drive,
     print_written,
     settle,
-    writable,
 )
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, MissionError
+from fame.text import writable
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler

@@ -11,7 +11,6 @@ from fame.cli.arguments import Commands, Parser, add_json, command, natural, pos
 from fame.cli.monitor.pipelines import listen
 from fame.cli.output import note, print_json
 from fame.errors import ConfigError, MissionError
-from fame.text import writing
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
@@ -63,13 +62,6 @@ def settle(arguments: Namespace, *required: str) -> None:
         raise ConfigError(f"expected a threshold from 0 to 1, got {threshold:g}")
     if getattr(arguments, "label", 1) not in (1, -1):
         raise ConfigError(f"expected the label 1 (benign) or -1 (anomalous), got {arguments.label}")
-
-
-def writable(path: Path) -> None:
-    """Make the folder that a result will be written to, before hours are spent on it. Raises ConfigError."""
-    with writing(path):
-        if path.is_dir():
-            raise ConfigError("expected a file, got a folder", file=str(path))
 
 
 def drive(arguments: Namespace, make: Callable[[Middleware, Scheduler], Playing]) -> Playing:

@@ -28,6 +28,7 @@ from fame.cli.arguments import (
 from fame.cli.network import add_network
 from fame.cli.output import note, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, MissionError, UnavailableError
+from fame.text import writable
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler, WallScheduler
@@ -352,6 +353,8 @@ def store_trained(arguments: Namespace, training: Training, file: str, files: Se
     if arguments.check:
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(files))
     else:
+        for output in filter(None, (path, arguments.onnx)):
+            writable(output)
         with progress_line(sys.stderr) as line:
             progress: Callable[[str], object] = line.write if line is not None else print
             asked = ALL if arguments.compare else ()
