@@ -113,6 +113,41 @@ def test_a_difference_is_told_by_element_and_meaning(old: str, new: str, said: l
     assert [line for line in found if line.endswith(":0")] == []
 
 
+REFERS = f"""{FLOWS}<task id="t" name="Count"><ioSpecification><dataInput id="i"/></ioSpecification>
+<dataInputAssociation id="a"><sourceRef>o</sourceRef><targetRef>i</targetRef></dataInputAssociation></task>
+<dataObjectReference id="o" dataObjectRef="b"/><dataObject id="b"/><endEvent id="e" name="done">
+<signalEventDefinition id="se" signalRef="S"/></endEvent>"""
+MODELER = 'xmlns:m="http://camunda.org/schema/modeler/1.0" m:executionPlatform="Camunda Cloud"'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "element", "said"),
+    [
+        ('signalRef="S"', 'signalRef="x"', '~ endEvent "done" (e)', "signalEventDefinition signalRef: S → x{}"),
+        ('<signal id="S" name="done"/>', "", '~ endEvent "done" (e)', "signalEventDefinition signalRef: S → S{}"),
+        ("<targetRef>i<", "<targetRef>x<", '~ task "Count" (t)', "dataInputAssociation targetRef: i → x{}"),
+        ('id="pl" bpmnElement="P"', 'id="pl" bpmnElement="x"', "~ root definitions",
+         "BPMNPlane bpmnElement: P → x{}"),
+        ('id="pl" bpmnElement="P"', 'id="pl" bpmnElement="t"', "~ root definitions",
+         "BPMNPlane bpmnElement: P → t"),
+        ('id="Definitions"', f'id="Definitions" {MODELER}', "~ root definitions",
+         "executionPlatform: none → Camunda Cloud"),
+    ],
+)  # fmt: skip
+def test_a_reference_to_what_the_file_does_not_have_is_a_difference(
+    old: str, new: str, element: str, said: str
+) -> None:
+    before = process(REFERS, f'<signal id="S" name="done"/>{DRAWN}')
+    after = before.replace(old, new)
+    found = written(before, after)
+    assert found[0].partition("  ")[0] == element
+    assert not found[0].endswith(":0")
+    assert found[1:] == ["    " + said.format(" (not in the file)")]
+    assert not written(after, rewritten(after.encode(), 3).decode("utf-16").partition("?>")[2])
+    texts = [set(model_text(read_text(one)).splitlines()) for one in (before, after)]
+    assert any(said.partition(" → ")[2].format(" (not in the file)") in line for line in texts[1] - texts[0])
+
+
 def test_what_has_moved_into_a_sub_process_is_no_new_element() -> None:
     found = written(OLD, process(f'<subProcess id="sub">{FLOWS}{TASK}</subProcess>', DRAWN))
     assert [line.split()[:2] for line in found[::2]] == [

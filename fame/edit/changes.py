@@ -1,20 +1,21 @@
 """Two versions of a model, compared: in words, as JSON, as a picture; and one version as text for ``git diff``.
 
 What the model says is compared by `fame.bpmn.difference`. Extension elements and attributes of other tools, which are
-not in it, are compared as XML, whatever the prefixes and the order of attributes.
+not in it, are compared as XML, whatever the prefixes and the order of attributes, and so are references to what the
+file does not have.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from fame.bpmn.difference import ElementChange, difference, elements_of, facts
 from fame.bpmn.model import GATEWAYS, PLACES, TASKS, Artifact, Definitions, Edge, Element, Shape
 from fame.bpmn.reader.document import read_tree
-from fame.bpmn.reader.xml import BPMN, Node, ids_in, invented_id, is_reference, local_name, parse
+from fame.bpmn.reader.xml import BPMN, Node, ids_in, invented_id, is_reference, line_of, local_name, parse
 from fame.dataclasses import dataclass, replace
 from fame.text import printable
 
@@ -27,6 +28,10 @@ COLOURS: Mapping[str, tuple[str, str]] = {
     "moved": ("#0969da", "#ddf4ff"),
 }
 """(stroke, fill) of what differs in a picture."""
+_OUTSIDE = ("structureRef", "implementationRef")
+"""References to what a file need not have."""
+_ROOT = "definitions"
+_SHOWN = "BPMNPlane bpmnElement"
 _KNOWN = (f"{{{BPMN}}}", "{http://www.omg.org/spec/", "{http://www.w3.org/")
 
 
@@ -34,7 +39,8 @@ _KNOWN = (f"{{{BPMN}}}", "{http://www.omg.org/spec/", "{http://www.w3.org/")
 class ModelDifference:
     """Two versions of a file.
 
-    changes   what was added, removed or changed, in the order of the new version, then what is gone
+    changes   what was added, removed or changed, in the order of the new version, then what is gone, then elements of
+              which only references differ
     moved     what is only drawn in another way
     foreign   what differs only in content of other tools: id -> the element
     faults    what cannot be executed in one version only: (sign, text)
@@ -56,11 +62,17 @@ class ModelDifference:
 def compare(old: Definitions, new: Definitions) -> ModelDifference:
     """Compare two versions of a file."""
     old, new = _with_ids(old, new)
-    found = difference(old, new)
-    changes = tuple(one for one in found if one.how != "moved")
-    told, known = {one.element.id for one in changes}, {one.id: one for one in new.elements()}
+    found, known = difference(old, new), {one.id: one for one in new.elements()}
     faults = [{(one.element, one.text) for each in file.processes for one in each.faults} for file in (old, new)]
     refused = {element for some in faults for element, _ in some}
+    told = {one.element.id: one for one in found if one.how != "moved"}
+    for id, values in _references_changed(old, new).items():
+        change = told.get(id)
+        if change is not None and change.how == "changed":
+            told[id] = replace(change, values=(*change.values, *values))
+        elif change is None and id not in refused:
+            element = known.get(id) or Root(id=id, line=line_of(parse(new.source, new.file)) if new.source else 0)
+            told[id] = ElementChange(element, "changed", tuple(name for name, _, _ in values), values=tuple(values))
     before, now = (_foreign(file, refused) for file in (old, new))
     foreign = {
         id: known.get(id, Element(id=id)) for id in (*now, *(before.keys() - now)) if before.get(id) != now.get(id)
@@ -68,8 +80,8 @@ def compare(old: Definitions, new: Definitions) -> ModelDifference:
     return ModelDifference(
         old,
         new,
-        changes,
-        tuple(one for one in found if one.how == "moved"),
+        tuple(told.values()),
+        tuple(one for one in found if one.how == "moved" and one.element.id not in told),
         {id: one for id, one in foreign.items() if id not in told},
         tuple(("-", f"{id}: {text}") for id, text in sorted(faults[0] - faults[1]))
         + tuple(("+", f"{id}: {text}") for id, text in sorted(faults[1] - faults[0])),
@@ -101,28 +113,94 @@ def _named(definitions: Definitions, root: Node | None, taken: Counter[str]) -> 
 _Content = tuple[Any, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Root(Element):
+    """The root element of a file, which no model has."""
+
+    @property
+    def tag(self) -> str:
+        """Its BPMN tag."""
+        return "root"
+
+
+def _homes(definitions: Definitions, root: Node, known: Collection[str] = ()) -> Iterator[tuple[Node, str]]:
+    """Yield each element and the id of the element of the model that it is a part of, or else ``definitions``."""
+    drawn = {one.id for one in definitions.elements()} | set(known)
+    homes = dict[Node | None, str]()
+    for element in root.iter("*"):
+        id = element.get("id", "")
+        homes[element] = id if id in drawn else homes.get(element.getparent(), _ROOT)
+        yield element, homes[element]
+
+
+_References = Mapping[tuple[str, str], Counter[tuple[str, bool]]]
+"""Id of an element and name of a reference -> the ids, and whether they are told although no model has them."""
+
+
+def _references(definitions: Definitions) -> _References:
+    """The references of a file, and the attributes of other tools at its root."""
+    found = defaultdict[tuple[str, str], Counter[tuple[str, bool]]](Counter)
+    if not definitions.source:
+        return found
+    root = parse(definitions.source, definitions.file)
+    ids = ids_in(root)
+    for name, value in _foreign_attributes(root):
+        found[_ROOT, name.rpartition("}")[2]][value, True] += 1
+    homes = dict(_homes(definitions, root))
+    for element in homes:
+        for holder, name, text in _refers(element) if element.tag.startswith(_KNOWN) else ():
+            id = text if text in ids else text.rpartition(":")[2]
+            if id and name not in _OUTSIDE:
+                home, missing = homes[holder], id not in ids
+                name = name if holder.get("id") == home else f"{local_name(holder)} {name}"
+                found[home, name][id + " (not in the file)" * missing, missing] += 1
+    return found
+
+
+def _refers(element: Node) -> Iterator[tuple[Node, str, str]]:
+    """The references in the attributes and the text of an element: what refers, by which name, to what."""
+    yield from ((element, str(name), str(value).strip()) for name, value in element.items() if is_reference(str(name)))
+    tag, holder = local_name(element), element.getparent()
+    if holder is not None and (tag.endswith(("Ref", "Refs")) or tag in ("incoming", "outgoing")):
+        yield holder, tag, (element.text or "").strip()
+
+
+def _references_changed(old: Definitions, new: Definitions) -> dict[str, list[tuple[str, str, str]]]:
+    """By element, what refers to something that one of the versions does not have, or shows it: name, old, new."""
+    before, now = _references(old), _references(new)
+    found = dict[str, list[tuple[str, str, str]]]()
+    for id, name in dict.fromkeys((*now, *before)):
+        was, becomes = before.get((id, name), Counter()), now.get((id, name), Counter())
+        gone, come = sorted(was - becomes), sorted(becomes - was)
+        if any(told for _, told in (*gone, *come)) or (name == _SHOWN and gone and come):
+            texts = [", ".join(text for text, _ in each) for each in (gone, come)]
+            found.setdefault(id, []).append((name, texts[0], texts[1]))
+    return found
+
+
 def _foreign(definitions: Definitions, whole: Collection[str] = ()) -> dict[str, _Content]:
     """The content of other tools in each element that has some, by id; all of those that cannot be executed (`whole`).
 
     What is in a part of an element (a data input, a timer) is that of the element.
     """
-    drawn = {one.id for one in definitions.elements()} | set(whole)
     found = dict[str, list[_Content]]()
-    homes = dict[Node, str]()
-    for element in parse(definitions.source, definitions.file).iter(f"{{{BPMN}}}*") if definitions.source else ():
-        id, outer = element.get("id", ""), element.getparent()
-        home = homes[element] = id if id in drawn else (homes.get(outer, "") if outer is not None else "") or id
-        attributes = sorted((str(name), str(value)) for name, value in element.items() if not _is_known(str(name)))
+    root = parse(definitions.source, definitions.file) if definitions.source else None
+    for element, home in _homes(definitions, root, whole) if root is not None else ():
+        if not element.tag.startswith(f"{{{BPMN}}}"):
+            continue
         holders = element.findall(f"{{{BPMN}}}extensionElements")
-        content = [*attributes, *(_content(one) for holder in holders for one in holder)]
-        content += [_content(element)] * (id in whole)
-        if home and content and outer is not None:
+        content: list[_Content] = [] if element is root else sorted(_foreign_attributes(element))
+        content += [_content(one) for holder in holders for one in holder]
+        content += [_content(element)] * (element.get("id", "") in whole)
+        if content:
             found.setdefault(home, []).extend(content)
     return {id: tuple(sorted(content, key=repr)) for id, content in found.items()}
 
 
-def _is_known(name: str) -> bool:
-    return name[0] != "{" or name.startswith(_KNOWN)
+def _foreign_attributes(element: Node) -> list[tuple[str, str]]:
+    """Name with namespace, and value, of each attribute of another tool."""
+    named = ((str(name), str(value)) for name, value in element.items())
+    return [(name, value) for name, value in named if name[0] == "{" and not name.startswith(_KNOWN)]
 
 
 def _content(element: Node) -> _Content:
@@ -219,6 +297,12 @@ def model_text(definitions: Definitions) -> str:
                 )
     text += [f"cannot be executed: {one.element}: {one.text}" for each in definitions.processes for one in each.faults]
     text += [f"content of other tools in {id}: {one}" for id, one in sorted(_foreign(definitions).items())]
+    text += [
+        f"{id}: {name}: {value}"
+        for (id, name), values in sorted(_references(definitions).items())
+        for value, told in sorted(values)
+        if told or name == _SHOWN
+    ]
     drawn = [(one.element, str(one.bounds)) for one in definitions.shapes]
     drawn += [(one.element, str(one.waypoints)) for one in definitions.edges]
     text += [f"drawn: {id} {place}" for id, place in sorted(drawn)]
