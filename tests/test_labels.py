@@ -102,3 +102,16 @@ def test_a_label_can_be_taken_back_also_of_a_file_that_is_gone(model: Path, caps
     (left,) = json.loads(model.with_name("m.labels.json").read_text()).values()
     assert left["run"] == "2"
     assert main(["monitor", "retrain", str(model)]) == 0
+
+
+def test_a_label_holds_for_a_run_of_which_only_a_part_trains(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    files = [str(write_runs(tmp_path / f"{seed}.csv", [run(seed)])) for seed in range(8)]
+    model = str(tmp_path / "m.skops")
+    words = ["--detector", "pca", "--window", "10", "--false-alarms", "0.2", "--start", "0.5", "-o", model]
+    assert main(["monitor", "train", "--data", *files, *words]) == 0
+    assert main(["monitor", "label", files[3], "--anomalous", "--model", model]) == 0
+    assert main(["monitor", "label", files[5], "--benign", "--model", model]) == 0
+    assert main(["monitor", "retrain", model]) == 0
+    assert "run 3 is left out: labelled anomalous" in capsys.readouterr().err
+    conditions = TrainedModel.load(model).conditions
+    assert (conditions["runs"], conditions["benign"]) == (7, [5])  # it does not train once more, as a whole

@@ -13,6 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fame.errors import ConfigError
 from fame.monitor.copies import run_hash
 from fame.monitor.data_files import LabelledRun, Special, read_labelled_runs
@@ -87,7 +89,7 @@ def labelled_runs(
     said, first = read_labels(model), dict[str, LabelledRun]()
     for file, number in {each["file"]: each["run"] for each in said.values()}.items():
         try:
-            runs = read_labelled_runs([file], columns, special._replace(start=0.0, end=math.inf))
+            runs = _whole_runs(file, columns, special)
         except ConfigError as error:
             text = f"has a label of run {number} of a file that cannot be used ({error})"
             mend = f"fame monitor label {file} --remove --model {model} takes back what was said of its runs"
@@ -103,12 +105,30 @@ def with_labels(
     """Return the runs, with more that are benign by what was said; the numbers of benign and of anomalous ones.
 
     Raises ConfigError for a lost file."""
-    hashes = [_hash(run) for run in runs]
+    hashes = _hashes(runs, columns, special)
     labels = {key: each["label"] for key, each in read_labels(model).items()}
     more = [run for each, run in labelled_runs(model, columns, special) if each["label"] == LABELS[0]]
     every = [*runs, *(run for run in more if _hash(run) not in hashes)]
     benign, anomalous = ([at for at, key in enumerate(hashes) if labels.get(key) == label] for label in LABELS)
     return every, [*benign, *range(len(runs), len(every))], anomalous
+
+
+def _hashes(runs: Sequence[LabelledRun], columns: Sequence[str], special: Special) -> list[str]:
+    """Return the hash of each run, which is that of the whole where a part of it trains (`start`, `end`)."""
+    if not special.start and special.end == math.inf:
+        return [_hash(run) for run in runs]
+    whole = {file: _whole_runs(file, columns, special) for file in {run.file for run in runs}}
+    return [_hash(next((each for each in whole[run.file] if _is_part(run, each)), run)) for run in runs]
+
+
+def _is_part(run: LabelledRun, whole: LabelledRun) -> bool:
+    part, every = run.samples, whole.samples
+    begin = int(np.searchsorted(every.stamps, part.stamps[0])) if len(part) else len(every)
+    return len(part) > 0 and np.array_equal(every.values[begin : begin + len(part)], part.values)
+
+
+def _whole_runs(file: str, columns: Sequence[str], special: Special) -> list[LabelledRun]:
+    return read_labelled_runs([file], columns, special._replace(start=0.0, end=math.inf))
 
 
 def _hash(run: LabelledRun) -> str:
