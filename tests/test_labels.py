@@ -115,3 +115,17 @@ def test_a_label_holds_for_a_run_of_which_only_a_part_trains(tmp_path: Path, cap
     assert "run 3 is left out: labelled anomalous" in capsys.readouterr().err
     conditions = TrainedModel.load(model).conditions
     assert (conditions["runs"], conditions["benign"]) == (7, [5])  # it does not train once more, as a whole
+
+
+def test_a_label_of_values_that_are_no_longer_there_is_said_not_to_count(
+    model: Path, capsys: pytest.CaptureFixture[str]
+):
+    later, label = model.with_name("later.csv"), ["monitor", "label", "--benign", "--model", str(model)]
+    write_runs(later, [run(20)])
+    assert main([*label, str(later)]) == 0
+    write_runs(later, [run(21)])
+    assert main(["monitor", "retrain", str(model)]) == 0
+    assert f"warning: the label of {later}:0 does not count" in capsys.readouterr().err
+    assert main([*label, str(later)]) == 0  # it stands in place of the one before
+    assert main(["monitor", "retrain", str(model)]) == 0
+    assert "does not count" not in capsys.readouterr().err

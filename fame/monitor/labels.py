@@ -59,7 +59,9 @@ def add_labels(model: str | Path, runs: Sequence[tuple[int, LabelledRun]], label
         }
         for number, run in runs
     }  # fmt: skip
-    _write(model, {**read_labels(model), **said})
+    anew = {(each["file"], each["run"]) for each in said.values()}
+    before = {key: each for key, each in read_labels(model).items() if (each["file"], each["run"]) not in anew}
+    _write(model, {**before, **said})
 
 
 def remove_labels(model: str | Path, runs: Sequence[tuple[str, str]]) -> int:
@@ -101,16 +103,21 @@ def labelled_runs(
 
 def with_labels(
     runs: Sequence[LabelledRun], model: str | Path, columns: Sequence[str], special: Special
-) -> tuple[list[LabelledRun], list[int], list[int]]:
-    """Return the runs, with more that are benign by what was said; the numbers of benign and of anomalous ones.
+) -> tuple[list[LabelledRun], list[int], list[int], list[str]]:
+    """Return the runs, with more that are benign by what was said; the numbers of benign and of anomalous ones; and the
+    names of those whose files no longer have what was labelled.
 
     Raises ConfigError for a lost file."""
     hashes = _hashes(runs, columns, special)
-    labels = {key: each["label"] for key, each in read_labels(model).items()}
-    more = [run for each, run in labelled_runs(model, columns, special) if each["label"] == LABELS[0]]
+    said = read_labels(model)
+    labels = {key: each["label"] for key, each in said.items()}
+    found = labelled_runs(model, columns, special)
+    more = [run for each, run in found if each["label"] == LABELS[0]]
+    there = {_hash(run) for _, run in found}
+    lost = [f"{each['file']}:{each['run']}" for key, each in said.items() if key not in there]
     every = [*runs, *(run for run in more if _hash(run) not in hashes)]
     benign, anomalous = ([at for at, key in enumerate(hashes) if labels.get(key) == label] for label in LABELS)
-    return every, [*benign, *range(len(runs), len(every))], anomalous
+    return every, [*benign, *range(len(runs), len(every))], anomalous, lost
 
 
 def _hashes(runs: Sequence[LabelledRun], columns: Sequence[str], special: Special) -> list[str]:

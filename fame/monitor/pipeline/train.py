@@ -184,7 +184,7 @@ def train(
     """
     read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
     columns = read[0].samples.names if read else config.columns
-    read, benign, anomalous = with_labels(read, config.model, columns, config.special)
+    read, benign, anomalous, lost = with_labels(read, config.model, columns, config.special)
     used = [number for number in _chosen(read, config) if number not in anomalous]
     numbers = [number for number in used if len(read[number].samples)]
     runs = [read[number].samples for number in numbers]
@@ -197,7 +197,7 @@ def train(
     more = {
         "cut": [told] if cut else [], "benign": benign, "numbers": [places[at] for at in model.conditions["numbers"]],
         "jumps": [(places[at], *jump) for at, *jump in model.conditions["jumps"]],
-        "files": [Path(path).name for path in config.files], "anomalous": anomalous,
+        "files": [Path(path).name for path in config.files], "anomalous": anomalous, "lost_labels": lost,
         "missing": missing(complete(read, model.columns), used),
     }  # fmt: skip
     return replace(model, conditions={**model.conditions, **more})

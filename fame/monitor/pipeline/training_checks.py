@@ -79,6 +79,10 @@ def warnings_of(model: TrainedModel) -> list[str]:
     if dropped := model.conditions.get("copies", 0):
         notes.append(f"{dropped} runs that are copies of others were left out")
     notes += [f"run {number} is left out: labelled anomalous" for number in model.conditions.get("anomalous", [])]
+    notes += [
+        f"the label of {name} does not count, since the file no longer has these values: label it again, or --remove"
+        for name in model.conditions.get("lost_labels", [])
+    ]
     notes += model.conditions.get("cut", []) + model.conditions.get("missing", [])
     notes += drifting(model)
     notes += [text] if (text := memorised(model)) else outliers(model).values()
