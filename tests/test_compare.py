@@ -35,13 +35,14 @@ def test_every_detector_has_its_figures_and_the_best_comes_first():
     assert best.cost > 0
 
 
-def test_false_alarms_beyond_chance_come_before_faults_and_these_before_cost():
+def test_false_alarms_beyond_chance_come_before_faults_and_these_before_the_order_of_names():
+    """Not before the cost, which is measured: the same runs give the same detector on any machine."""
     figures = [(9, 9, 1.0), (1, 5, 3.0), (0, 5, 2.0), (0, 7, 9.0)]
     items = [
         Compared(str(n), 20, alarms, 0.05, (("spike", "", found, 9),), 0.1, cost)
         for n, (alarms, found, cost) in enumerate(figures)
     ]
-    assert [item.detector for item in sorted(items, key=lambda item: item.order)] == ["3", "2", "1", "0"]
+    assert [item.detector for item in sorted(items, key=lambda item: item.order)] == ["3", "1", "2", "0"]
 
 
 @pytest.mark.long

@@ -54,6 +54,18 @@ def test_a_save_brings_its_findings(watch: ModelWatch, model: Path) -> None:
     assert "Nowhere" in finding["text"]
 
 
+def test_a_page_from_before_a_save_still_gets_its_diagrams(watch: ModelWatch, model: Path) -> None:
+    """Those of called processes are fetched one after the other; then the page is told to load again."""
+    last = len(watch.mission()["planes"]) - 1
+    drawing = watch.plane(last)
+    break_it(model)
+    eventually(lambda: watch.mission()["findings"])
+    assert len(watch.mission()["planes"]) <= last
+    assert watch.plane(last) == drawing
+    with pytest.raises(LookupError):
+        watch.plane(last + 1)
+
+
 def test_a_file_that_is_not_bpmn_keeps_the_last_diagram(watch: ModelWatch, model: Path) -> None:
     model.write_text("<half a", encoding="utf-8")
     eventually(lambda: watch.mission()["findings"])

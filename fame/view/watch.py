@@ -89,7 +89,8 @@ class ModelWatch(FileWatch):
         self._path, self._folders = Path(path), tuple(library)
         if not wait and not self._path.is_file():
             raise ConfigError("cannot be read: no such file", file=str(path))
-        self._now, self._stamps = _Reading(Catalogue([])), dict[Path, Stamp]()
+        self._now = self._before = _Reading(Catalogue([]))
+        self._stamps = dict[Path, Stamp]()
         self._follow(self._stamped())
         if wait:
             self._stamps = {}
@@ -106,7 +107,7 @@ class ModelWatch(FileWatch):
     def _follow(self, stamps: dict[Path, Stamp]) -> None:
         """Read the files, whose stamps were taken before: what is saved while they are read is read again."""
         watched, self._stamps = self._watched(), stamps
-        self._now = self._read()
+        self._before, self._now = self._now, self._read()
         if self._stamps is stamps:  # nobody asked for another reading; the model may call other files now
             new = {*self._now.files} - watched if self._now.model is not None else ()
             stamped = self._stamped().items()
@@ -180,7 +181,10 @@ class ModelWatch(FileWatch):
         }
 
     def plane(self, number: int) -> Mapping[str, Any]:
-        return self._now.catalogue.plane_json(number)
+        try:
+            return self._now.catalogue.plane_json(number)
+        except LookupError:  # of a page from before this reading, which is told to load again
+            return self._before.catalogue.plane_json(number)
 
     def tasks(self, element: str) -> list[Human]:
         return self._now.catalogue.tasks(element)

@@ -6,8 +6,9 @@ if an alarm begins between its onset and the end. Latency counts from the onset.
 at a time, as in a running node, per sample.
 
 The best detector keeps the rate of false alarms that was asked for, as far as chance tells; among these, it finds the
-most faults; among these, it is the cheapest. A choice by the runs that set the thresholds favours detectors with low
-ones; so the rate is divided among all detectors that could be chosen (`fame.monitor.calibration`).
+most faults; among these, it is named first: the cost depends on what else a machine does, and the same runs are to give
+the same detector. A choice by the runs that set the thresholds favours detectors with low ones; so the rate is divided
+among all detectors that could be chosen (`fame.monitor.calibration`).
 """
 
 from __future__ import annotations
@@ -29,14 +30,15 @@ from fame.monitor.pipeline.trained_model import TrainedModel
 
 ALL = (*DETECTORS, "any of phase, knn", "any of phase, knn, mahalanobis")
 """What is compared if the user asks."""
-REPEATED = ("any of phase, knn, mahalanobis", "any of phase, knn", "phase", "knn", "mahalanobis")
-OTHERS = ("any of knn, mahalanobis", "knn", "mahalanobis")
-"""What is compared without a word, of runs that repeat or name elements of the mission, and of others."""
+REPEATED = ("mahalanobis", "knn", "phase", "any of phase, knn", "any of phase, knn, mahalanobis")
+OTHERS = ("mahalanobis", "knn", "any of knn, mahalanobis")
+"""What is compared without a word, of runs that repeat or name elements of the mission, and of others: the simplest
+first, which also cost the least."""
 FEW = "mahalanobis"
 """What fewer than `FEWEST` runs get."""
 CHANCE = 0.05
 """Probability, by chance alone, of so many false alarms, below which they are too many."""
-RULE = "the best keeps the rate of false alarms, then finds the most injected faults, then is the cheapest"
+RULE = "the best keeps the rate of false alarms, then finds the most injected faults, then is named first"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +69,11 @@ class Compared:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """The smallest is the best."""
+        """The smallest is the best; of equal ones the one that was named first."""
         from scipy.stats import binom
 
         too_many = binom.sf(self.false_alarms - 1, self.runs, self.asked) < CHANCE
-        return bool(too_many), -sum(self.kinds.values()), self.cost
+        return bool(too_many), -sum(self.kinds.values())
 
     def to_plain(self) -> dict[str, Any]:
         """Return all values as plain data."""
