@@ -16,9 +16,14 @@ import fame
 from fame.bpmn import read_text
 from fame.bpmn.library import BUILT_IN
 from fame.bpmn.model import Definitions
+from fame.clock import SECOND, Scheduler
+from fame.errors import MissingTypeError
 from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+from fame.middleware.typesystem import STRING
 from fame.monitor.calibration import Calibration, calibrate
 from fame.monitor.data_files import read_runs
+from fame.monitor.pipeline.blindness import Blindness
 from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
 
@@ -231,6 +236,27 @@ def test_the_diagnostics_of_ros_say_what_keeps_a_monitor_from_judging(tmp_path: 
     sim.run(until=sim.now + 4)
     assert told["low_pass: monitor"] == (1, "/robot/joint_states: no message for 2 s")
     assert told["threshold: monitor"] == (0, "sees"), "the node before it says why nothing comes"
+
+
+def test_a_ros_without_diagnostics_hears_the_signals_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    node = middleware.node("low_pass")
+    heard: list[str] = []
+    middleware.node("mission").subscription("/monitor_blind", STRING, lambda message: heard.append(message.data))
+    publisher = node.publisher
+
+    def missing(topic: str, type: str) -> Any:
+        if topic == "/diagnostics":
+            raise MissingTypeError("this ROS does not have it", type=type)
+        return publisher(topic, type)
+
+    monkeypatch.setattr(node, "publisher", missing)
+    blindness = Blindness(middleware, node, "low_pass")
+    blindness.look({"silent": "no message"}, scheduler.now)
+    scheduler.run(until=SECOND)
+    assert heard == ["low_pass: no message"]
+    assert [each.topic for each in middleware.warnings] == ["/diagnostics"]
 
 
 def test_a_blind_monitor_is_an_error_of_its_call_if_the_mission_wants_that(tmp_path: Path) -> None:

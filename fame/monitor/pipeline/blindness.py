@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from fame.clock import SECOND
+from fame.errors import MissingTypeError
 from fame.middleware import messages
-from fame.middleware.interface import Middleware, Node
+from fame.middleware.interface import EndpointWarning, Middleware, Node, Publisher
 from fame.middleware.typesystem import STRING
 
 BLIND, SEES = "/monitor_blind", "/monitor_sees"
@@ -30,16 +31,22 @@ class Blindness:
         self._name, self._on_change = name, on_change
         bare = {info.name for info in middleware.graph() if [*info.types] == [_EMPTY]}
         self._signals = {topic: node.publisher(topic, _EMPTY if topic in bare else STRING) for topic in (BLIND, SEES)}
-        self._diagnostics = node.publisher("/diagnostics", _DIAGNOSTICS)
+        self._diagnostics: Publisher | None = None
+        try:
+            self._diagnostics = node.publisher("/diagnostics", _DIAGNOSTICS)
+        except MissingTypeError as error:  # a ROS without diagnostic_msgs: signals are heard by missions all the same
+            text = f"{name} says by signals only whether it is blind: {error}"
+            middleware.warn(EndpointWarning("/diagnostics", text, "backend"))
         self._known: set[str] = set()
 
     def look(self, reasons: Mapping[str, str], now: int) -> None:
         """Take the reasons of a time (ns), by the kind of each. To be called once a second."""
         text = "; ".join(reasons.values())
-        status: dict[str, Any] = {"level": _WARN if text else _OK, "name": f"{self._name}: monitor"}
-        status |= {"message": text or "sees", "hardware_id": self._name}
-        header = {"stamp": {"sec": now // SECOND, "nanosec": now % SECOND}}
-        self._diagnostics.publish(messages.create(_DIAGNOSTICS, {"header": header, "status": [status]}))
+        if self._diagnostics:
+            status: dict[str, Any] = {"level": _WARN if text else _OK, "name": f"{self._name}: monitor"}
+            status |= {"message": text or "sees", "hardware_id": self._name}
+            header = {"stamp": {"sec": now // SECOND, "nanosec": now % SECOND}}
+            self._diagnostics.publish(messages.create(_DIAGNOSTICS, {"header": header, "status": [status]}))
         if reasons.keys() == self._known:
             return
         self._known = set(reasons)
