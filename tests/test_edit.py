@@ -149,11 +149,17 @@ def edit(model: Path, tmp_path: Path) -> Iterator[ModelEdit]:
         yield source
 
 
-def drawn(edit: ModelEdit, new: str, act: str = "save", **more: object) -> Any:
-    """What the page gets for an act, whose editor drops comments."""
+def opened_file(edit: ModelEdit, base: str = "") -> str:
+    """The name of what the page has begun with, whose editor drops comments."""
     begun = edit.mission()
-    base, new = (text.replace("<!-- why -->", "") for text in (OLD, new))
-    return edit.control({"do": act, "base": base, "new": new, "hash": begun["hash"], "text": begun["text"], **more})
+    base = base or begun["text"].replace("<!-- why -->", "")
+    return str(edit.control({"do": "open", "base": base, "hash": begun["hash"]})["base"])
+
+
+def drawn(edit: ModelEdit, new: str, act: str = "save", **more: object) -> Any:
+    """What the page gets for an act, once it has opened the file or with the `base` that it had."""
+    base = more.pop("base", None) or opened_file(edit)
+    return edit.control({"do": act, "base": base, "new": new.replace("<!-- why -->", ""), "text": OLD, **more})
 
 
 def test_what_is_drawn_is_written_into_the_file(edit: ModelEdit, model: Path) -> None:
@@ -164,13 +170,13 @@ def test_what_is_drawn_is_written_into_the_file(edit: ModelEdit, model: Path) ->
 
 
 def test_a_file_that_somebody_else_has_changed_is_never_overwritten(edit: ModelEdit, model: Path) -> None:
-    shown, mine = edit.mission(), OLD.replace('name="Count"', 'name="Number"')
+    begun, mine = opened_file(edit), OLD.replace('name="Count"', 'name="Number"')
     theirs = OLD.replace("a = 1", "a = 7")
     model.write_text(theirs)
     with pytest.raises(FameError, match="changed by somebody else: nothing is written"):
-        drawn(edit, mine, hash=shown["hash"])
+        drawn(edit, mine, base=begun, hash=edit.mission()["hash"])
     assert model.read_text() == theirs
-    found = drawn(edit, mine, "compare", text=shown["text"])
+    found = drawn(edit, mine, "compare", base=begun)
     assert found["lines"][0].startswith('~ scriptTask "Count" (t)')
     assert (found["text"], found["merged"]) == (theirs, theirs.replace('name="Count"', 'name="Number"'))
     eventually(lambda: edit.news(None)[1] == [{"type": "file", "hash": found["hash"]}])
@@ -190,9 +196,46 @@ def test_what_is_no_model_is_not_saved(edit: ModelEdit, model: Path, new: str) -
 
 
 def test_a_command_of_anything_is_refused_in_a_line(edit: ModelEdit) -> None:
-    for command in ({}, {"do": "save"}, {"do": "save", "base": 1, "new": OLD}, {"do": "x", "base": OLD, "new": OLD}):
-        with pytest.raises(FameError, match="expected check, save or compare with two texts"):
+    for command in ({}, {"do": "open"}, {"do": "save"}, {"do": "x", "base": opened_file(edit), "new": OLD}):
+        with pytest.raises(FameError, match="expected open with a base, or check, save or compare with what is drawn"):
             edit.control(command)
+
+
+@pytest.mark.parametrize("base", [OLD, 1, [], None, "0" * 64])
+def test_what_the_page_says_it_has_begun_with_is_not_believed(edit: ModelEdit, model: Path, base: object) -> None:
+    with pytest.raises(FameError, match="it is not known what was opened"):
+        edit.control({"do": "save", "base": base, "new": OLD, "hash": edit.mission()["hash"]})
+    assert model.read_text() == OLD
+
+
+@pytest.mark.parametrize(("old", "new"), [("a = 1", "a = 2"), ("</process>", '<task id="u"/></process>')])
+def test_a_base_that_says_something_else_than_the_file_is_refused(edit: ModelEdit, old: str, new: str) -> None:
+    with pytest.raises(FameError, match="in another way than the file says it"):
+        opened_file(edit, OLD.replace(old, new))
+
+
+def test_a_base_of_a_file_that_has_changed_meanwhile_is_refused(edit: ModelEdit, model: Path) -> None:
+    shown = edit.mission()
+    model.write_text(OLD.replace("a = 1", "a = 7"))
+    with pytest.raises(FameError, match="changed by somebody else meanwhile"):
+        edit.control({"do": "open", "base": OLD, "hash": shown["hash"]})
+
+
+def test_after_a_save_the_next_one_is_from_there(edit: ModelEdit, model: Path) -> None:
+    first = drawn(edit, OLD.replace('name="Count"', 'name="Number"'))
+    drawn(edit, OLD.replace('name="Count"', 'name="Figure"'), base=first["base"])
+    assert model.read_text() == OLD.replace('name="Count"', 'name="Figure"')
+
+
+def test_only_the_bases_used_last_are_kept(edit: ModelEdit) -> None:
+    edit.windows = 2
+    first = opened_file(edit)
+    second = opened_file(edit, OLD)
+    drawn(edit, OLD, "check", base=first)
+    opened_file(edit, OLD + "\n")
+    drawn(edit, OLD, "check", base=first)
+    with pytest.raises(FameError, match="load the page again"):
+        drawn(edit, OLD, "check", base=second)
 
 
 def test_a_model_that_is_not_there_is_begun_and_written_when_it_is_saved(tmp_path: Path) -> None:
@@ -201,7 +244,7 @@ def test_a_model_that_is_not_there_is_begun_and_written_when_it_is_saved(tmp_pat
         begun = source.mission()
         assert not path.exists()
         text = begun["text"]
-        source.control({"do": "save", "base": text, "new": text, "hash": begun["hash"]})
+        source.control({"do": "save", "base": opened_file(source), "new": text})
     assert path.read_text() == text
     assert main(["check", str(path)]) == 0
 
@@ -210,7 +253,7 @@ def test_a_model_without_a_diagram_is_laid_out_and_gets_it_with_the_first_change
     model.write_text(process(FLOWS + TASK))
     with ModelEdit(model, tmp_path) as source:
         shown = source.mission()
-        command = {"do": "save", "base": shown["text"], "hash": shown["hash"]}
+        command = {"do": "save", "base": opened_file(source)}
         source.control({**command, "new": shown["text"]})
         assert model.read_text() == process(FLOWS + TASK)
         source.control({**command, "new": shown["text"].replace("Count", "Number")})
@@ -465,5 +508,5 @@ def test_files_of_fame_and_of_other_tools_are_opened_and_saved_as_they_were(
             if not base:  # without a diagram, or not drawn by this library
                 continue
             model.write_bytes(content)
-            source.control({"do": "save", "base": base, "new": base, "hash": source.mission()["hash"]})
+            source.control({"do": "save", "base": opened_file(source, base), "new": base})
             assert model.read_bytes() == content, path

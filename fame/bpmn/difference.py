@@ -24,6 +24,8 @@ from fame.bpmn.model import (
 )
 from fame.dataclasses import dataclass, field, fields, is_dataclass, replace
 
+ORDER = "order of its conditions"
+"""The name of what is changed where only the order of flows is."""
 How = Literal["added", "removed", "changed", "moved"]
 _SILENT = frozenset(("id", "line", "incoming", "outgoing", "faults", "lanes"))
 """Fields that tell a place in the file, or what flows and nodes tell, too."""
@@ -101,7 +103,7 @@ def _change(before: tuple[Element, str] | None, now: tuple[Element, str]) -> Ele
     orders = _orders(old, new)
     for name, before_it, now_it in (
         ("associations", _associations(old), _associations(new)),
-        ("order of its conditions", *orders),
+        (ORDER, *orders),
         ("the sub-process that it is in", outer, inner),
     ):
         if before_it != now_it:

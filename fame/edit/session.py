@@ -1,8 +1,9 @@
 """The source of the page that edits a model: it gives the text, checks what is drawn, and writes it.
 
-The page has the text of the file at one time (`hash`) and what its editor writes of it unchanged (`base`). What it
-draws is written into that text (`fame.edit.writer`), and only while the file still has it: else the page is given what
-has changed in the file, by element, and decides.
+The page has the text of the file at one time (`hash`), and says once what its editor writes of it unchanged: its base,
+which is kept here together with the hash if it says what the file says. What is drawn is written into that text
+(`fame.edit.writer`), and only while the file still has it: else the page is given what has changed in the file, by
+element, and decides.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from dataclasses import asdict
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from fame.bpmn.difference import ORDER, ElementChange
 from fame.bpmn.reader import read_bytes, read_text
 from fame.bpmn.reader.xml import CAMUNDA, ZEEBE, parse, read_file
 from fame.check import Finding, check
@@ -23,7 +25,7 @@ from fame.check.element_templates import templates
 from fame.check.library import behaviours
 from fame.check.scope import of_error
 from fame.config.loader import read_document
-from fame.edit.changes import compare, lines
+from fame.edit.changes import Root, compare, lines
 from fame.edit.writer import decoded, save_bytes
 from fame.errors import ConfigError, FameError, ModelError
 from fame.rooms import ADD_DIAGRAM, load
@@ -68,12 +70,16 @@ class ModelEdit(ModelWatch):
     """
 
     longest = 40_000_000
-    """Bytes of a command: two texts of a model."""
+    """Bytes of a command: a text of a model, and that with JSON's marks."""
+    windows = 32
+    """Bases that are kept; of more the oldest are forgotten."""
 
     def __init__(self, subject: Path, modeler: Path, library: Sequence[Path] = ()) -> None:
         self.model = model_of(subject)
         self._modeler = modeler
         self._lock = threading.Lock()
+        self._bases = dict[str, _Base]()
+        self._drawn = (b"", b"")  # what was shown last: the file, and that with a diagram
         if self.model.suffix.lower() not in (".bpmn", ".xml"):
             raise ConfigError(f"expected MODEL.bpmn or SCENARIO.yaml, got {self.model.name!r}", file=str(subject))
         if not self.model.parent.is_dir():
@@ -89,10 +95,12 @@ class ModelEdit(ModelWatch):
 
     def _shown(self, content: bytes) -> bytes:
         """What is drawn: the file, with a diagram if it has none."""
-        model = read_bytes(content, file=str(self.model))
-        with suppress(FameError):  # without the room, or with nothing to draw: the page says that it has no diagram
-            return content if model.shapes else bytes(load(ADD_DIAGRAM)(model))
-        return content
+        if self._drawn[0] != content:
+            model, drawn = read_bytes(content, file=str(self.model)), content
+            with suppress(FameError):  # without the room, or with nothing to draw: the page says that it has no diagram
+                drawn = content if model.shapes else bytes(load(ADD_DIAGRAM)(model))
+            self._drawn = content, drawn
+        return self._drawn[1]
 
     # ---- for the page ------------------------------------------------------------------------------------------------
 
@@ -123,20 +131,45 @@ class ModelEdit(ModelWatch):
         return version, [] if known == version else [{"type": "file", "hash": _hash(self._content())}]
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        """``check`` what is drawn; ``save`` it, if the file is as the page has it; ``compare`` it with the file.
-
-        Raises FameError.
+        """``open``: say what the editor writes of the file. Then ``check`` what is drawn, ``save`` it, if the file is
+        as the page has it, or ``compare`` it with the file. Raises FameError.
         """
         acts = {"check": self._checked, "save": self._saved, "compare": self._compared}
-        act = acts.get(str(command.get("do")))
-        base, new = command.get("base"), command.get("new")
-        if act is None or not isinstance(base, str) or not isinstance(new, str):
-            raise FameError("expected check, save or compare with two texts")
+        act, new, base = acts.get(str(command.get("do"))), command.get("new"), command.get("base")
+        if command.get("do") == "open" and isinstance(base, str):
+            with self._lock:
+                return self._opened(command, base)
+        if act is None or not isinstance(new, str):
+            raise FameError("expected open with a base, or check, save or compare with what is drawn")
         with self._lock:
+            begun = self._bases.pop(str(base), None)
+            if begun is None:
+                raise FameError("it is not known what was opened: load the page again")
+            self._bases[str(base)] = begun  # the one used last
             content = self._content()
             shown = self._shown(content)
-            written = save_bytes(shown, base, new, file=str(self.model))
-            return act(command, content, content if written == shown else written)
+            written = save_bytes(shown, begun.text, new, file=str(self.model))
+            return act({**command, "hash": begun.hash}, content, content if written == shown else written)
+
+    def _opened(self, command: Mapping[str, Any], base: str) -> Mapping[str, Any]:
+        """Keep what the editor writes of the file, if it says nothing else than the file."""
+        content, file = self._content(), str(self.model)
+        if command.get("hash") != _hash(content):
+            raise FameError("the file has been changed by somebody else meanwhile")
+        found = compare(read_bytes(self._shown(content), file=file), read_text(base, file=file))
+        if wrong := [one for one in found.changes if _is_new(one)]:
+            text = f"the library reads {wrong[0].element.display_name} in another way than the file says it"
+            raise FameError(f"{text}: nothing could be saved")
+        return {"base": self._kept(base, _hash(content))}
+
+    def _kept(self, base: str, hash: str) -> str:
+        """Keep a base, and return its name."""
+        name = _hash(base.encode() + hash.encode())
+        self._bases.pop(name, None)
+        self._bases[name] = _Base(base, hash)
+        while len(self._bases) > self.windows:
+            del self._bases[next(iter(self._bases))]
+        return name
 
     def _checked(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
         return {"findings": [asdict(one) for one in self._findings(new)]}
@@ -158,7 +191,8 @@ class ModelEdit(ModelWatch):
                 write_file(self.model, new)
             except OSError as error:
                 raise FameError(f"{self.model}: cannot be written: {error.strerror}") from None
-        return {"hash": _hash(new), "text": decoded(new, str(self.model))[0]}
+        base = self._kept(command["new"], _hash(new))
+        return {"base": base, "hash": _hash(new), "text": decoded(new, str(self.model))[0]}
 
     def _compared(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
         """What has changed in the file, its text, and that with what the page has drawn."""
@@ -170,7 +204,20 @@ class ModelEdit(ModelWatch):
         return {"lines": said, "hash": _hash(old), "text": decoded(old, file)[0], "merged": decoded(new, file)[0]}
 
 
+class _Base(NamedTuple):
+    """What the editor of a page writes of the file with a hash, unchanged."""
+
+    text: str
+    hash: str
+
+
 _PAGE = files("fame.edit") / "page"
+
+
+def _is_new(change: ElementChange) -> bool:
+    """Whether a change says something else, not only less: what an editor drops stays in the file; it sorts flows."""
+    told = not isinstance(change.element, Root)  # where it has only another drawing, and foreign attributes
+    return told and (change.how == "added" or any(name != ORDER and new for name, _, new in change.values))
 
 
 def _is_camunda8(content: bytes, file: str) -> bool:

@@ -26,8 +26,9 @@ class Edit {
   /** @type {Model} */
   mission = { title: "", text: "", hash: "", modeler: "", templates: [] };
   base = ""; // what the library writes of the text that the file has
+  begun = ""; // its name at the server, which keeps it with the hash of the file
   drawn = ""; // what it writes now
-  hash = ""; // of the file that the page has
+  hash = ""; // of the file that the page has, to know news
   ready = false; // a model is open
   checked = 0; // changes that the findings know
   changes = 0;
@@ -59,10 +60,11 @@ class Edit {
       await this.modeler.importXML(text);
       await this.written(); // which puts shapes in order once
       this.base = await this.written();
+      this.begun = (await source.post({ do: "open", base: this.base, hash })).base;
       if (drawn) await this.modeler.importXML(drawn);
     } catch (error) {
       byId("findings").replaceChildren(
-        h("p", { cls: "error" }, `It cannot be drawn by this library: ${messageOf(error)}`),
+        h("p", { cls: "error" }, `It cannot be drawn: ${messageOf(error)}`),
       );
       return;
     }
@@ -94,7 +96,7 @@ class Edit {
     const seen = this.changes;
     this.drawn = await this.written();
     this.chips();
-    const found = await source.post({ do: "check", base: this.base, new: this.drawn });
+    const found = await source.post({ do: "check", base: this.begun, new: this.drawn });
     if (seen !== this.changes) return; // it has changed meanwhile: it is checked again
     this.findings = found.findings;
     this.checked = seen;
@@ -161,12 +163,13 @@ class Edit {
     this.drawn = await this.written();
     const { drawn } = this;
     try {
-      const { hash, text } = await source.post({ do: "save", base: this.base, new: drawn, hash: this.hash });
-      Object.assign(this, { base: drawn, hash });
+      const { base, hash, text } = await source.post({ do: "save", base: this.begun, new: drawn });
+      Object.assign(this, { base: drawn, begun: base, hash });
       Object.assign(this.mission, { text });
       this.chips();
     } catch (error) {
       this.say(messageOf(error));
+      await this.compare(); // at once: the news of another file may be on its way
     }
   }
 
@@ -174,7 +177,11 @@ class Edit {
   async news({ type, hash }) {
     if (type !== "file" || !this.ready) return;
     if (hash === this.hash) return void (byId("outside").hidden = true);
-    const command = { do: "compare", base: this.base, new: await this.written(), text: this.mission.text };
+    await this.compare();
+  }
+
+  async compare() {
+    const command = { do: "compare", base: this.begun, new: await this.written(), text: this.mission.text };
     try {
       this.outside(await source.post(command));
     } catch (error) {
