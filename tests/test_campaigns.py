@@ -15,7 +15,7 @@ import pytest
 from bpmn_text import process, properties
 
 from fame.cli import main
-from fame.errors import ConfigError
+from fame.errors import ConfigError, FameError
 from fame.log import Recording
 from fame.scenario.campaign import Campaign, Folder, _measured, _Variables, cause_of, run_campaign
 from fame.scenario.campaign_report import (
@@ -159,6 +159,12 @@ def test_each_run_has_its_seed_values_and_measures_and_a_command_that_repeats_it
     assert main([*shlex.split(failed["command"])[1:], "--json"]) == 1
     again = json.loads(capsys.readouterr().out)
     assert again["simulated"] == pytest.approx(failed["duration"], abs=1e-6)
+
+
+@pytest.mark.parametrize(("text", "said"), [("Q.far", "Q is none of its robots (P)"), ("P.far +", "measure.far")])
+def test_a_measure_that_no_run_can_have_is_refused(scenario: Path, text: str, said: str) -> None:
+    with pytest.raises(FameError, match=re.escape(said)):
+        Campaign(scenario=str(scenario), runs=1, variation=speeds(0.2, 1.2, far=text)).check()
 
 
 def test_an_impossible_world_is_counted_apart(tmp_path: Path, scenario: Path) -> None:

@@ -12,7 +12,7 @@ import json
 import math
 import shlex
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -249,14 +249,27 @@ class Campaign:
         ]
 
     def check(self) -> None:
-        """Raise the error of a scenario or model that is wrong for all values."""
+        """Raise the error of a scenario, model or measure that is wrong for all values."""
         from fame.config.loader import read_document
 
         paths = [one.path for one in self.variation.distributions if one.path != FAULTS]
         if paths and Path(self.scenario).suffix.lower() in (".yaml", ".yml"):
             changed(read_document(self.scenario).data, dict.fromkeys(paths), self.scenario)
             Scenario.load(self.scenario, library=self.library, variables=_varied_variables(paths))
-        Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
+        run = Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None)
+        run.close()
+        self._check_measures({node.name for node in run.nodes})
+
+    def _check_measures(self, robots: Set[str]) -> None:
+        from fame.bpmn.model import Expression
+        from fame.scripting import compile_expression
+        from fame.scripting.effects import effects_of
+
+        for name, text in self.variation.measures.items():
+            expression, element = Expression(text), f"measure.{name}"
+            compile_expression(expression, element=element)
+            for other in sorted(effects_of(expression).reads - robots):
+                raise ConfigError(f"{other} is none of its robots ({', '.join(sorted(robots))})", element=element)
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of the scenario, of what it names, and of the models, by file."""
