@@ -116,7 +116,7 @@ def test_what_decides_nothing_changes_no_verdict(part: int, monkeypatch: pytest.
     models = [(seed, model) for seed, model in models if small[seed].exhaustive]  # the others are larger still
     monkeypatch.setattr(Liveness, "dead", lambda self, waiting: (frozenset(), frozenset()))
     monkeypatch.setattr(abstracting, "sliced", lambda script, needed: script)
-    monkeypatch.setattr(abstracting, "without_items", lambda script, counted: script)
+    monkeypatch.setattr(abstracting, "without_items", lambda script, counted, may_fail: script)
     monkeypatch.setattr(abstracting, "without_operations", lambda script, unknown: script)
     compared = 0
     for seed, model in models:
@@ -132,3 +132,18 @@ def test_a_value_that_nothing_reads_any_more_makes_no_states() -> None:
     counting: Steps = ["run x = 0", ("loop", ["work", "run x = (x + 1) % 9", ("if", "x == 5", ["work"], [])])]
     short, longer = (explore(team({"A": [*counting, *["work"] * count]})).local["A"] for count in (1, 2))
     assert longer == short + 1  # not one for each value
+
+
+@pytest.mark.parametrize("guard", ["at the task", "at its caller"])
+@pytest.mark.parametrize("failing", ["x.append(d[3])", "x.append(1 / len(x))", "z = odom - d[0]", "z = d[3]"])
+def test_what_fails_where_an_error_event_catches_it_is_kept(failing: str, guard: str) -> None:
+    """It may decide nothing else, as items of counted lists, and operations on what is unknown."""
+    begun: Steps = ["run x = []; d = [1]", "catch odom"]
+    inside: Steps = [f"run {failing}", "throw passed"]
+    if guard == "at the task":
+        robots = {"A": [*begun, ("guard", inside, "error", ["throw gave"])]}
+    else:
+        robots = {"A": [("guard", [("call", "P")], "error script", ["throw gave"])], "P": [*begun, *inside]}
+    robots |= {"B": ["catch gave"], "C": [("race", ["catch passed"], ["catch gave"])]}
+    found = explore(fame.read(text_of(robots, calls=("P",)).encode()), delivery="run", samples=False)
+    assert [str(one) for one in found.findings if one.level == "error"] == []

@@ -102,8 +102,8 @@ class Abstraction:
         key = (home.file, id(process))  # not its id: robots of a pool may have different processes of one id
         if key not in self._rewritten:
             self._homes[home.file] = home
-            # Who calls it is not asked: any error event that catches all may be at the call.
-            guarded = "" in self.facts.catches and process.id in self.facts.called
+            # Who calls it is not asked: any error event that catches what scripts raise may be at the call.
+            guarded = not self.facts.catches.isdisjoint({"", "script"}) and process.id in self.facts.called
             body = _Rewriter(self, home).body(process.body, guarded)
             self._rewritten[key] = process, replace(process, body=body)  # the first keeps the key's object alive
         return self._rewritten[key][1]
@@ -208,9 +208,11 @@ class _Rewriter:
         if self.to.failures.exceptions_are_caught(task, guarded):
             self.to.guarded.add(task.id)
         self.to.asks[task.id] |= self.to.failures.of_script(task, guarded)
-        script = without_operations(without_items(script, facts.counted), facts.unknown)
+        caught = task.id in self.to.caught  # then what it computes may fail, and that decides something
+        script = without_items(script, facts.counted, may_fail=caught)
+        script = script if caught else without_operations(script, facts.unknown)
         if needed is not None:
-            script = facts.aliases.marked(script if task.id in self.to.caught else sliced(script, needed), needed)
+            script = facts.aliases.marked(script if caught else sliced(script, needed), needed)
         return replace(task, script=script)
 
     def _service(self, task: model.Task, guarded: Guarded) -> AbstractStep:

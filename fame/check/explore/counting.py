@@ -58,16 +58,18 @@ def _only_counted(node: ast.AST) -> Iterator[ast.Name]:
 
 
 def _appended_to(node: ast.AST) -> ast.Name | None:
-    """The list of a statement ``x.append(...)``."""
-    if (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and isinstance(node.value.func, ast.Attribute)
-            and node.value.func.attr == "append" and len(node.value.args) == 1 and not node.value.keywords
-            and isinstance(node.value.func.value, ast.Name)):  # fmt: skip
-        return node.value.func.value
+    """The list of a statement ``x.append(item)``."""
+    match node:
+        case ast.Expr(ast.Call(ast.Attribute(ast.Name() as name, "append"), [item], [])):
+            return None if isinstance(item, ast.Starred) else name
     return None
 
 
-def without_items(script: Expression, counted: frozenset[str]) -> Expression:
-    """Return the script with ``x.append(None)`` for lists of which only the length is read."""
+def without_items(script: Expression, counted: frozenset[str], *, may_fail: bool) -> Expression:
+    """Return the script with ``x.append(None)`` for lists of which only the length is read.
+
+    Of one that `may_fail`, because an error event would catch it, items are computed: ``x.append((item, None)[1])``.
+    """
     tree = own_syntax_tree(script) if "append" in script.text else None
     if tree is None:
         return script
@@ -77,8 +79,10 @@ def without_items(script: Expression, counted: frozenset[str]) -> Expression:
         if name is not None and name.id in counted:
             assert isinstance(node, ast.Expr)
             assert isinstance(node.value, ast.Call)
-            if not any(isinstance(one, _EFFECTS) for one in ast.walk(node.value.args[0])):
-                node.value.args[0] = ast.copy_location(ast.Constant(None), node.value.args[0])
+            items = node.value.args
+            if not any(isinstance(part, _EFFECTS) for part in ast.walk(items[0])):
+                nothing = ast.Constant(None)
+                items[0] = ast.Subscript(ast.Tuple([items[0], nothing]), ast.Constant(1)) if may_fail else nothing
                 changed = True
     return Expression(ast.unparse(tree), "python", script.line) if changed else script
 

@@ -6,7 +6,8 @@ Two things are left out of the scripts of a team before it is explored:
   `shelf` is, so ``odom.x`` takes its place;
 - statements that only set variables on which no decision depends. What they might raise is not found.
 
-A script that defines functions, waits, or hands variables to unknown functions is taken as a whole.
+Neither is left out where an error event may catch what a script raises. A script that defines functions, waits, or
+hands variables to unknown functions is taken as a whole.
 """
 
 from __future__ import annotations
