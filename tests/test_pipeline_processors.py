@@ -142,6 +142,17 @@ def test_thresholds_of_another_number_of_channels_are_refused() -> None:
         ("holes != 2 and left > 0", [np.nan, False]),
         ("not holes < 1", [np.nan, True]),
         ("where(holes > 0, left, 5)", [np.nan, 1.0]),
+        ("(left > 0) + (right > 1)", [1.0, 2.0]),
+        ("(left > 0) - (right > 1)", [1.0, 0.0]),
+        ("-(left > 0)", [-1.0, -1.0]),
+        ("sqrt(left > 0) / 3", [1 / 3, 1 / 3]),
+        ("e + pi", [7.0 + np.pi, 8.0 + np.pi]),
+        ("efforts - mean(efforts)", [[-0.5, 0.5], [-1.0, 1.0]]),
+        ("efforts > right * 3.5", [[False, True], [False, True]]),
+        ("right < efforts < right * 3.5", [[True, False], [True, False]]),
+        ("bytes - right * 2 - bytes", [-2.0, -4.0]),
+        ("bytes // (right - 1)", [np.inf, 200.0]),
+        ("bytes - 201 + bytes * bytes", [39999.0, 39999.0]),
     ],
 )
 def test_expressions(formula: str, expected: list[float]) -> None:
@@ -151,6 +162,8 @@ def test_expressions(formula: str, expected: list[float]) -> None:
         "right": Samples(np.array([1.0, 2.0]), stamps),
         "holes": Samples(np.array([np.nan, 2.0]), stamps),
         "efforts": Samples(np.array([[3.0, 4.0], [6.0, 8.0]]), stamps),
+        "e": Samples(np.array([7.0, 8.0]), stamps),
+        "bytes": Samples(np.array([200, 200], dtype=np.uint8), stamps),
     }
     np.testing.assert_allclose(run([Expression(formula=formula)], given)["value"].values, expected)
 
@@ -162,6 +175,9 @@ def test_expressions(formula: str, expected: list[float]) -> None:
         ("left.values", "is not allowed"),
         ("(lambda: 1)()", "is not allowed"),
         ("left[open]", "expected a formula"),
+        ("efforts[1]", r"index of channels, as in \[:, 3\], got \[1\]: the first is the sample"),
+        ("efforts - efforts[:1]", "the first is the sample"),
+        ("efforts[()]", "the first is the sample"),
         ("left +", "expected a formula"),
         ("", "needs a formula"),
     ],
@@ -284,12 +300,6 @@ def test_and_or_and_chains_of_comparisons_take_numbers_beside_arrays() -> None:
         np.testing.assert_array_equal(Expression(formula=formula).execute(x)["value"].values, right)
 
 
-def test_a_formula_that_takes_a_sample_for_a_channel_gives_nothing() -> None:
-    x = {"x": Samples(np.arange(6.0).reshape(3, 2), np.arange(3.0))}
-    with pytest.raises(ValueError, match="2 values for 3 samples"):
-        Expression(formula="x[1]").execute(x)
-
-
 def test_a_threshold_of_zero_or_less_of_which_no_part_is_below_is_refused() -> None:
     for wrong in ([0.0], [-5.0], [1.0, 0.0]):
         with pytest.raises(ConfigError, match="or more, got"):
@@ -325,6 +335,14 @@ def test_thresholds_go_with_the_names_of_channels_in_whichever_order_these_come(
     assert (found["name"].values.tolist(), found["excess"].values.tolist()) == ([["elbow"]], [2.0])
     with pytest.raises(ValueError, match="3 texts, the data 2 channels"):
         Threshold(threshold=[1.0], names=["a", "b", "c"]).execute({"Loss": loss})
+
+
+def test_channels_that_only_the_beginnings_of_their_names_tell_apart_keep_these() -> None:
+    loss = Samples(np.array([[0.5, 2.0]]), np.zeros(1), ("right.elbow", "left.elbow"))
+    found = Threshold(threshold=[1.0, 10.0], names=["left.elbow", "right.elbow"]).execute({"Loss": loss})
+    assert (found["name"].values.tolist(), found["excess"].values.tolist()) == ([["left.elbow"]], [2.0])
+    arms = {arm: Samples(np.array([[0.0, loss]]), np.zeros(1)) for arm, loss in (("left", 0.0), ("right", 3.0))}
+    assert Threshold(threshold=[1.0]).execute(arms)["name"].values.tolist() == [["right.1"]]
 
 
 def test_an_input_that_has_not_spoken_yet_does_not_keep_scale_from_the_others() -> None:

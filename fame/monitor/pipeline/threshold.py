@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import reduce
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -110,7 +111,7 @@ class Threshold(Processor):
 
         Raises ValueError if there are not as many names as channels.
         """
-        own, data = (tuple(name.rpartition(".")[2] for name in names) for names in (self.names, samples.names))
+        own, data = _short(self.names), _short(samples.names)
         width = samples.channels().shape[1]
         if len(own) > 1 and own != data and sorted(own) == sorted(data):
             several = len(self.threshold) == len(own)
@@ -128,6 +129,12 @@ class Threshold(Processor):
         return states[last][1:].astype(bool)
 
 
+def _short(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names without what is before their last dot, if that does not make two of them equal."""
+    last = tuple(name.rpartition(".")[2] for name in names)
+    return last if len({*last}) == len(last) else names
+
+
 def _alarms(alarms: Sequence[_Alarm]) -> dict[str, Samples]:
     """Return the outputs that have a sample per alarm; none without alarms."""
     if not alarms:
@@ -140,9 +147,10 @@ def _alarms(alarms: Sequence[_Alarm]) -> dict[str, Samples]:
 class Expression(Processor):
     """A formula over the inputs, by name: ``abs(left - right) > 2``, ``effort[:, 3] * 0.1``, ``mean(efforts)``.
 
-    Arithmetic, comparison, ``and or not``, indexing and the functions below; nothing else, so it cannot do anything but
-    compute. ``mean``, ``max``, ``min``, ``sum``, ``norm`` go over the channels of each sample. The inputs must have
-    the same stamps.
+    Arithmetic, comparison, ``and or not``, channels by index and the functions below; nothing else, so it cannot do
+    anything but compute. ``mean``, ``max``, ``min``, ``sum``, ``norm`` go over the channels of each sample; a value per
+    sample counts for all channels of another operand. True and false are 1 and 0 in arithmetic. The inputs must have
+    the same stamps; one named like a constant (``pi``, ``e``) hides it.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -169,9 +177,6 @@ class Expression(Processor):
             value = np.asarray(self._evaluate({name: item.values for name, item in inputs.items()}))
         if value.ndim == 0:
             value = np.full(len(samples), value)
-        if len(value) != len(samples):
-            text = f"it gives {len(value)} values for {len(samples)} samples: [:, 3] is a channel, [3] a sample"
-            raise ValueError(text)
         return {"value": Samples(value, samples.stamps)}
 
 
@@ -180,8 +185,19 @@ class Expression(Processor):
 Evaluate = Callable[[Mapping[str, Any]], Any]
 
 
+def _of_numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of floats: numpy adds truth values as "or", and lets whole numbers wrap around."""
+
+    def compute(*operands: Any) -> Any:
+        return function(
+            *(np.multiply(each, 1.0) if np.asarray(each).dtype.kind in "biu" else each for each in operands)
+        )
+
+    return compute
+
+
 def _over_channels(function: Callable[..., Any]) -> Callable[[Any], Any]:
-    return lambda values: function(np.asarray(values).reshape(len(values), -1), axis=1)
+    return _of_numbers(lambda values: function(np.reshape(values, (len(values), -1)), axis=1))
 
 
 def _unless_unknown(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -197,17 +213,22 @@ def _unless_unknown(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{name: getattr(np, name) for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "arctan2", "sign")},
+    **{
+        name: _of_numbers(getattr(np, name))
+        for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "arctan2", "sign", "clip")
+    },
     **{name: _over_channels(getattr(np, name)) for name in ("mean", "max", "min", "sum")},
     "norm": _over_channels(np.linalg.norm),
-    "clip": np.clip,
     "where": lambda test, *values: _unless_unknown(lambda known: np.where(known, *values))(test),
 }
 _TAKES = {"arctan2": 2, "clip": 3, "where": 3}  # the others one; numpy would write to one more
-_OPERATORS: dict[type, Callable[..., Any]] = {
+_ARITHMETIC: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: operator.pow, ast.Mod: operator.mod, ast.FloorDiv: operator.floordiv,
-    ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Not: np.logical_not,
+    ast.USub: operator.neg, ast.UAdd: operator.pos,
+}  # fmt: skip
+_OPERATORS: dict[type, Callable[..., Any]] = {
+    **{kind: _of_numbers(function) for kind, function in _ARITHMETIC.items()}, ast.Not: np.logical_not,
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.And: np.logical_and, ast.Or: np.logical_or,
 }  # fmt: skip
@@ -225,53 +246,79 @@ def compile_formula(text: str) -> Evaluate:
 
 
 def _evaluator(node: ast.expr) -> Evaluate:
-    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
-        value = float(node.value)  # numbers of any length, as 9 ** 9 ** 9, would take forever
-        return lambda arrays: value
-    if isinstance(node, ast.Name):
-        return _name(node.id)
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
-        return _applied(_unless_unknown(_OPERATORS[type(node.op)]), node.operand)
-    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        return _applied(_OPERATORS[type(node.op)], node.left, node.right)
-    if isinstance(node, ast.BoolOp):
-        return _applied(lambda *parts: reduce(_unless_unknown(_OPERATORS[type(node.op)]), parts), *node.values)
-    if isinstance(node, ast.Compare) and all(type(each) in _OPERATORS for each in node.ops):
-        pairs = zip((node.left, *node.comparators), node.ops, node.comparators, strict=False)
-        comparisons = [_applied(_unless_unknown(_OPERATORS[type(each)]), left, right) for left, each, right in pairs]
-        return lambda arrays: reduce(_unless_unknown(np.logical_and), [compare(arrays) for compare in comparisons])
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        if node.func.id not in _FUNCTIONS:
-            raise ValueError(f"unknown function {node.func.id}; known are {', '.join(sorted(_FUNCTIONS))}")
-        takes = _TAKES.get(node.func.id, 1)
-        if len(node.args) != takes:
-            raise ValueError(f"{node.func.id} takes {takes} arguments, got {len(node.args)}")
-        return _applied(_FUNCTIONS[node.func.id], *node.args)
-    if isinstance(node, ast.Subscript):
-        index = _index(node.slice)
-        return _applied(lambda values: values[index], node.value)
+    match node:
+        case ast.Constant(int() | float() as constant):
+            value = float(constant)  # numbers of any length, as 9 ** 9 ** 9, would take forever
+            return lambda arrays: value
+        case ast.Name(name):
+            return _name(name)
+        case ast.UnaryOp(kind, operand) if type(kind) in _OPERATORS:
+            return _applied(_unless_unknown(_OPERATORS[type(kind)]), _evaluator(operand))
+        case ast.BinOp(left, kind, right) if type(kind) in _OPERATORS:
+            return _applied(_OPERATORS[type(kind)], _evaluator(left), _evaluator(right))
+        case ast.BoolOp(kind, operands):
+            return _joined(_OPERATORS[type(kind)], map(_evaluator, operands))
+        case ast.Compare(left, kinds, others) if all(type(kind) in _OPERATORS for kind in kinds):
+            parts = map(_evaluator, (left, *others))
+            compared = zip(kinds, pairwise(parts), strict=True)
+            return _joined(
+                np.logical_and, (_applied(_unless_unknown(_OPERATORS[type(kind)]), *pair) for kind, pair in compared)
+            )
+        case ast.Call(ast.Name(name), operands, []):
+            return _call(name, operands)
+        case ast.Subscript(operand, place):
+            index = _channels_at(place)
+            return _applied(lambda values: values[index], _evaluator(operand))
     raise ValueError(f"{ast.unparse(node)} is not allowed in a formula")
 
 
-def _name(name: str) -> Evaluate:
-    if name in _CONSTANTS:
-        return lambda arrays: _CONSTANTS[name]
+def _call(name: str, operands: Sequence[ast.expr]) -> Evaluate:
+    if name not in _FUNCTIONS:
+        raise ValueError(f"unknown function {name}; known are {', '.join(sorted(_FUNCTIONS))}")
+    takes = _TAKES.get(name, 1)
+    if len(operands) != takes:
+        raise ValueError(f"{name} takes {takes} arguments, got {len(operands)}")
+    return _applied(_FUNCTIONS[name], *map(_evaluator, operands))
 
+
+def _name(name: str) -> Evaluate:
     def look_up(arrays: Mapping[str, Any]) -> Any:
-        if name not in arrays:
-            raise ValueError(f"unknown input {name}; known are {', '.join(arrays)}")
-        return arrays[name]
+        if name in arrays:
+            return arrays[name]
+        if name in _CONSTANTS:
+            return _CONSTANTS[name]
+        raise ValueError(f"unknown input {name}; known are {', '.join(arrays)}")
 
     return look_up
 
 
-def _applied(function: Callable[..., Any], *operands: ast.expr) -> Evaluate:
-    parts = [_evaluator(operand) for operand in operands]
-    return lambda arrays: function(*[part(arrays) for part in parts])
+def _applied(function: Callable[..., Any], *parts: Evaluate) -> Evaluate:
+    return lambda arrays: function(*_aligned([part(arrays) for part in parts]))
+
+
+def _joined(function: Callable[..., Any], parts: Iterable[Evaluate]) -> Evaluate:
+    """The parts, joined from left to right by a function of two."""
+    return _applied(lambda *operands: reduce(_unless_unknown(function), operands), *parts)
+
+
+def _aligned(operands: Sequence[Any]) -> list[Any]:
+    """Return operands whose first axes are samples so that numpy puts samples, not channels, side by side."""
+    depth = max(map(np.ndim, operands))
+    shapes = [np.shape(each) + (1,) * (depth - np.ndim(each)) for each in operands]
+    return [np.reshape(each, shape) if np.ndim(each) else each for each, shape in zip(operands, shapes, strict=True)]
+
+
+def _channels_at(node: ast.expr) -> Any:
+    """Return a literal index of channels of all samples: ``[:, 3]``, ``[:, 1:]``."""
+    index = _index(node)
+    if (index[:1] if isinstance(index, tuple) else (index,)) != (slice(None),):
+        raise ValueError(
+            f"expected an index of channels, as in [:, 3], got [{ast.unparse(node)}]: the first is the sample"
+        )
+    return index
 
 
 def _index(node: ast.expr) -> Any:
-    """Return a literal index: ``[:, 3]``, ``[0]``, ``[1:]``."""
     if isinstance(node, ast.Tuple):
         return tuple(_index(item) for item in node.elts)
     if isinstance(node, ast.Slice):
