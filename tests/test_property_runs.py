@@ -248,9 +248,11 @@ def test_robots_whose_beginning_a_log_does_not_have_are_not_known(tmp_path: Path
 def test_a_property_of_robots_that_are_not_there_is_not_known(tmp_path: Path) -> None:
     (tmp_path / "m.bpmn").write_text(text_of({"T": ["work"], "B": ["work"]}, several=["T"]))
     place = tmp_path / "m.properties.yaml"
-    place.write_text('properties:\n  none: never T_9 starts "work"\n  all: T starts "work"\n')
+    place.write_text(
+        'properties:\n  none: never T_9 starts "work"\n  some: never some T_9 starts "work"\n  all: T starts "work"\n'
+    )
     found = {one.name: (one.verdict, one.text) for one in Scenario.load(tmp_path / "m.bpmn").run().judgements}
-    assert found == {"none": ("not known", ABSENT), "all": ("holds", "")}
+    assert found == {"none": ("not known", ABSENT), "some": ("not known", ABSENT), "all": ("holds", "")}
     assert main(["check", "--explore", str(tmp_path / "m.bpmn")]) == 3
     (tmp_path / "empty.jsonl").write_text("")
     assert main(["log", "judge", str(place), str(tmp_path / "empty.jsonl")]) == 3

@@ -176,8 +176,7 @@ def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
     made = _from_start(property)
     parts: list[Part] = []
     events: dict[tuple[str, str, str], list[Reaction]] = {}
-    bindings = _bindings(made, vocabulary)
-    for names in bindings:
+    for names in _bindings(made, vocabulary):
         for condition in conditions_of(made, vocabulary, names) if made.condition else [None]:
             part = Part(
                 made.pattern,
@@ -194,7 +193,8 @@ def compile(property: Property, vocabulary: Vocabulary) -> Monitor:
             parts.append(part)
     terms = vocabulary.robots
     about = tuple((one, id) for one in terms for id in made.about if id in terms[one].own or id in terms[one].called)
-    return Monitor(made, tuple(parts), {key: tuple(found) for key, found in events.items()}, about, not bindings)
+    absent = not all(vocabulary.robots_of(name, made) for name, _ in _names(made))
+    return Monitor(made, tuple(parts), {key: tuple(each) for key, each in events.items()}, about, absent)
 
 
 def _from_start(made: Property) -> Property:
@@ -214,17 +214,21 @@ def _is_each(made: Property) -> bool:
     return same and begin.verb == "starts" and end.verb == "ends"
 
 
+def _names(made: Property) -> Iterator[tuple[Word, bool]]:
+    """Yield each name of a robot or pool, and whether it is ``some``, or ``any two``, of a pool."""
+    for event in made.occurrences:
+        yield event.robot, event.some
+    for value in subjects(made):
+        yield value.subject, value.kind == "distance" and value.other is None
+        if value.other is not None:
+            yield value.other, False
+
+
 def _bindings(made: Property, vocabulary: Vocabulary) -> list[dict[str, str]]:
     """Every choice of a robot for each pool that is named without ``some`` or ``any two``."""
-    names = [event.robot for event in made.occurrences if not event.some]
-    for value in subjects(made):
-        names += [value.subject] if value.kind != "distance" else [value.subject, value.other] if value.other else []
-    pools: dict[str, tuple[str, ...]] = {}
-    for name in names:
-        robots = vocabulary.robots_of(name, made)
-        if name.text not in vocabulary.robots:
-            pools[name.text] = robots
-    return [dict(zip(pools, chosen, strict=True)) for chosen in product(*pools.values())]
+    chosen = [name for name, some in _names(made) if not some]
+    pools = {name.text: vocabulary.robots_of(name, made) for name in chosen if name.text not in vocabulary.robots}
+    return [dict(zip(pools, robots, strict=True)) for robots in product(*pools.values())]
 
 
 def _react(
