@@ -44,6 +44,16 @@ def test_it_has_every_topic_service_and_action_with_type_direction_qos_and_robot
     ]
 
 
+def test_a_topic_that_an_event_catches_and_a_script_publishes_is_in_it_in_both_directions() -> None:
+    content = SCAN.replace('robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)', 'signal("~/range")')
+    text = process(content, root='<signal id="R" name="range"/>').replace("<process ", '<process name="REX" ', 1)
+    ends = contract_of(read_text(text, file="m.bpmn"), Library())
+    assert [(one.direction, one.type) for one in ends if one.full_name == "/REX/range"] == [
+        ("publishes", "sensor_msgs/msg/Range"),
+        ("subscribes to", "sensor_msgs/msg/Range"),
+    ]
+
+
 def test_called_processes_and_pools_of_many_robots_are_in_it() -> None:
     lines = [str(one) for one in contract_of(read(MODELS / "warehouse.bpmn"), Library())]
     assert any("Carrier calls the action /Carrier_<n>/navigate_to_pose, nav2_msgs/action/Nav" in one for one in lines)

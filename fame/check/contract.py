@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Literal
 
 from fame.bpmn.library import Library
@@ -87,9 +88,7 @@ def contract_of(definitions: Definitions, library: Library) -> list[ContractEndp
 def _of_pool(
     pool: Pool, closure: Sequence[tuple[Definitions, Process]], shared: dict[str, str], file: str
 ) -> Iterator[ContractEndpoint]:
-    def made(direction: Relation, name: str, type: str, profile: QoS | None = None) -> ContractEndpoint:
-        return ContractEndpoint(pool.name, direction, name, type, profile, pool.multi_instance, file)
-
+    made = partial(ContractEndpoint, pool.name, multi_instance=pool.multi_instance, file=file)
     public = {name: type for name, type in shared.items() if name.startswith("/")}
     table = topics_of_processes(closure, types=public)
     for use in table.values():
@@ -98,17 +97,18 @@ def _of_pool(
             yield made("publishes", use.name, use.type, profile)
         if use.catches:
             yield made("subscribes to", use.name, use.type, profile)
-    for _, process in closure:
-        for node in process.body.walk():
-            if node.service is not None:
-                name, type = node.service.name, node.service.type or ""
-                name = name if name.startswith(("/", "~/")) else f"~/{name}"
-                yield made(_DOES["act" if messages.is_action(type) else "call"], name, type)
-            for topic in script_effects(node).topics:
-                if topic.direction in ("call", "act"):
-                    yield made(_DOES[topic.direction], topic.qualified, topic.type or "")
-                elif topic.qualified not in table:
-                    yield made(_DOES[topic.direction], topic.qualified, topic.full_type or "", SIGNAL)
+    for node in (node for _, process in closure for node in process.body.walk()):
+        if node.service is not None:
+            name, type = node.service.name, node.service.type or ""
+            name = name if name.startswith(("/", "~/")) else f"~/{name}"
+            yield made(_DOES["act" if messages.is_action(type) else "call"], name, type)
+        for topic in script_effects(node).topics:
+            known = table.get(topic.qualified)
+            if topic.direction in ("call", "act"):
+                yield made(_DOES[topic.direction], topic.qualified, topic.type or "")
+            elif known is None or not (known.throws if topic.direction == "publish" else known.catches):
+                type = topic.full_type or (known.declared if known is not None else None) or ""
+                yield made(_DOES[topic.direction], topic.qualified, type, SIGNAL)
 
 
 # ---- the running graph -----------------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ class _Probe:
             self.error = str(error)
 
     def finding(self, middleware: Middleware) -> Finding | None:
-        """Return the endpoints that are missing now."""
+        """Return what the graph lacks of it now; None: nothing."""
         endpoint = self.endpoint
         if self.error:
             return Finding("error", f"{self.robot} {endpoint.direction} {self.name}: {self.error}", endpoint.file)
