@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -130,8 +130,8 @@ def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
     return WorldConfig(
         bounds,
         robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
-        obstacles=_things(keys.get("obstacles"), "obstacle", bounds),
-        targets=_things(keys.get("targets"), "target", bounds),
+        obstacles=tuple(_things(keys.get("obstacles"), "obstacle", bounds)),
+        targets=tuple(_things(keys.get("targets"), "target", bounds)),
         weeds=tuple(_flat(keys.get("weeds"), "weed", WeedConfig, WEED_KEYS, bounds)),
         chargers=tuple(_flat(keys.get("chargers"), "charger", ChargerConfig, CHARGER_KEYS, bounds)),
         stations=stations,
@@ -158,30 +158,35 @@ def _bounds(value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Extent:
     return xmin, ymin, xmax, ymax
 
 
-def _things(listed: ConfigValue | None, kind: str, bounds: Extent) -> tuple[Thing, ...]:
-    things: list[Thing] = []
+def _named(
+    listed: ConfigValue | None, kind: str, known: Iterable[str] | None = None
+) -> Iterator[tuple[str, ConfigValue, Mapping[str, ConfigValue]]]:
+    """Yield (name, value, its keys) of the things in a list. Each has a name of its own."""
+    names: set[str] = set()
     for number, value in enumerate(listed.items() if listed else (), 1):
-        thing = _thing(value, f"{kind}_{number}")
-        if any(other.name == thing.name for other in things):
-            raise value.error(f"expected a name of its own, got a second {kind} named {thing.name!r}")
-        xmin, ymin, xmax, ymax = bounding_box(thing.shape)
+        keys = value.mapping(known)
+        name = keys["name"].text() if "name" in keys else f"{kind}_{number}"
+        if name in names:
+            raise value.error(f"expected a name of its own, got a second {kind} named {name!r}")
+        names.add(name)
+        yield name, value, keys
+
+
+def _things(listed: ConfigValue | None, kind: str, bounds: Extent) -> Iterator[Thing]:
+    for name, value, _ in _named(listed, kind):
+        shape = _shape(value)
+        xmin, ymin, xmax, ymax = bounding_box(shape)
         if xmax <= bounds[0] or ymax <= bounds[1] or xmin >= bounds[2] or ymin >= bounds[3]:
-            raise value.error(f"expected a place inside {list(bounds)}; {thing.name} is outside")
-        things.append(thing)
-    return tuple(things)
+            raise value.error(f"expected a place inside {list(bounds)}; {name} is outside")
+        yield Thing(name, shape, value.path)
 
 
-def _thing(value: ConfigValue, default_name: str) -> Thing:
+def _shape(value: ConfigValue) -> Outline:
     kinds = [key for key in _SHAPES if key in value.mapping()]
     if len(kinds) != 1:
         value.mapping(OBSTACLE_KEYS)  # a misspelt key
         raise value.error(f"expected one of radius, size and polygon, got {' and '.join(kinds) or 'none'}")
-    keys = value.mapping(_SHAPES[kinds[0]])
-    name = keys["name"].text() if "name" in keys else default_name
-    return Thing(name, _shape(kinds[0], value, keys), value.path)
-
-
-def _shape(kind: str, value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Outline:
+    kind, keys = kinds[0], value.mapping(_SHAPES[kinds[0]])
     if kind == "polygon":
         corners = [corner.point() for corner in keys["polygon"].items()]
         polygon = convex(corners)
@@ -205,18 +210,22 @@ def _flat(
     listed: ConfigValue | None, kind: str, make: type[_Flat], known: Mapping[str, str], bounds: Extent
 ) -> Iterator[_Flat]:
     """Flat things: each with a name, a place, and positive numbers that have defaults."""
-    names: set[str] = set()
-    for number, value in enumerate(listed.items() if listed else (), 1):
-        keys = value.mapping(known)
-        name = keys["name"].text() if "name" in keys else f"{kind}_{number}"
-        if name in names:
-            raise value.error(f"expected a name of its own, got a second {kind} named {name!r}")
-        names.add(name)
-        at = value.required("at", "[x, y] in m").point()
-        if not inside(bounds, at):
-            raise keys["at"].expected(f"a place on the ground, inside {list(bounds)}")
+    for name, value, keys in _named(listed, kind, known):
+        at = _place(value, bounds)
         numbers = {key: _flat_number(key, item) for key, item in keys.items() if key not in ("name", "at")}
         yield make(name, at, **numbers)
+
+
+def _place(value: ConfigValue, bounds: Extent, key: str = "at") -> Point:
+    """Return a place on the ground."""
+    place = value.required(key, "[x, y] in m")
+    return _on_ground(place, place.point(), bounds)
+
+
+def _on_ground(value: ConfigValue, place: Point, bounds: Extent) -> Point:
+    if not inside(bounds, place):
+        raise value.expected(f"a place on the ground, inside {list(bounds)}")
+    return place
 
 
 def _flat_number(key: str, value: ConfigValue) -> float:
@@ -226,29 +235,27 @@ def _flat_number(key: str, value: ConfigValue) -> float:
 def _parcels(listed: ConfigValue | None, stations: tuple[StationConfig, ...], bounds: Extent) -> Iterator[ParcelConfig]:
     """Parcels, which lie at a station or at a place."""
     places = {station.name: station.at for station in stations}
-    for number, value in enumerate(listed.items() if listed else (), 1):
-        keys = value.mapping(PARCEL_KEYS)
+    for name, value, keys in _named(listed, "parcel", PARCEL_KEYS):
         at = value.required("at", "a station, or [x, y] in m")
         place = places[at.choice(places, "a station")] if isinstance(at.data, str) else at.point()
-        if not inside(bounds, place):
-            raise at.expected(f"a place on the ground, inside {list(bounds)}")
         to = keys["to"].choice(places, "a station") if "to" in keys else ""
-        yield ParcelConfig(keys["name"].text() if "name" in keys else f"parcel_{number}", place, to)
+        yield ParcelConfig(name, _on_ground(at, place, bounds), to)
 
 
 def _doors(listed: ConfigValue | None, bounds: Extent) -> Iterator[DoorConfig]:
-    names: set[str] = set()
-    for number, value in enumerate(listed.items() if listed else (), 1):
-        keys = value.mapping(DOOR_KEYS)
-        name = keys["name"].text() if "name" in keys else f"door_{number}"
-        if not _NAME.fullmatch(name) or name in names:
-            raise value.error(f"expected a name of its own, of ASCII letters, digits and _, got {name!r}")
-        names.add(name)
-        start, end = (value.required(key, "[x, y] in m").point() for key in ("from", "to"))
-        if not (inside(bounds, start) and inside(bounds, end)):
-            raise value.error(f"expected a door on the ground, inside {list(bounds)}")
+    for name, value, keys in _named(listed, "door", DOOR_KEYS):
+        _check_name(name, value)
+        start, end = (_place(value, bounds, key) for key in ("from", "to"))
+        if start == end:
+            raise keys["to"].expected("another place than the other end")
         times = {key: keys[key].number(above=0) for key in ("time", "open") if key in keys}
         yield DoorConfig(name, start, end, **times)
+
+
+def _check_name(name: str, value: ConfigValue) -> None:
+    """Raise ConfigError for a name that cannot be a namespace."""
+    if not _NAME.fullmatch(name):
+        raise value.error(f"expected a name of ASCII letters, digits and _ that begins with a letter, got {name!r}")
 
 
 def inside(bounds: Extent, place: Point) -> bool:
@@ -259,8 +266,7 @@ def inside(bounds: Extent, place: Point) -> bool:
 def _robots(listed: ConfigValue, bounds: Extent) -> tuple[RobotConfig, ...]:
     robots: dict[str, RobotConfig] = {}
     for name, value in listed.mapping().items():
-        if not _NAME.fullmatch(name):
-            raise value.error(f"expected a name of ASCII letters, digits and _ that begins with a letter, got {name!r}")
+        _check_name(name, value)
         if name.casefold() in robots:
             raise value.error(
                 f"expected names that differ in more than case, got {robots[name.casefold()].name!r} and {name!r}"
@@ -277,8 +283,6 @@ def _robot(name: str, value: ConfigValue, bounds: Extent) -> RobotConfig:
     except ConfigError as error:
         raise error if error.file else kind.error(error.text) from None
     parameters: Any = fill(robot.Parameters(), value, besides=("type", "at", "heading"))
-    at = value.required("at", "[x, y] in m").point()
-    if not inside(bounds, at):
-        raise keys["at"].expected(f"a place on the ground, inside {list(bounds)}")
+    at = _place(value, bounds)
     heading = keys["heading"].number() if "heading" in keys else 0.0
     return RobotConfig(name, kind.text(), robot, at, math.radians(heading), parameters, value.path)

@@ -89,9 +89,10 @@ class Parcels:
         station = min(near, key=lambda one: math.dist(one.at, place), default=None)
         if station is None:
             return ""
-        taken = sum(math.dist(other.at, station.at) <= station.radius for other in self.all if not other.carrier)
-        turn = math.tau * (taken - 1) / 6
-        parcel.at = (station.at[0] + 0.25 * math.cos(turn), station.at[1] + 0.25 * math.sin(turn))
+        others = (other for other in self.all if other is not parcel and not other.carrier)
+        taken = sum(math.dist(other.at, station.at) <= station.radius for other in others)
+        turn, aside = math.tau * taken / 6, min(0.25, station.radius / 2)
+        parcel.at = (station.at[0] + aside * math.cos(turn), station.at[1] + aside * math.sin(turn))
         return station.name
 
     def station_of(self, parcel: Parcel) -> str:

@@ -50,6 +50,12 @@ def test_a_task_file_says_another_part(benign: str, tmp_path: Path) -> None:
 BAD = {
     "no polygon": ("corners: [[0, 0], [1, 1]]\nheight: 0\n", "1", ("task.yaml:1", "polygon")),
     "no area": ("corners: [[0, 0], [1, 1], [2, 2]]\nheight: 0\n", "1", ("task.yaml:1", "no area")),
+    "a corner twice": ("corners: [[0, 0], [0, 0], [1, 1], [1, 2]]\nheight: 0\n", "1", ("task.yaml:1", "at an angle")),
+    "a corner on a side": (
+        "corners: [[0, 0], [1, 0], [2, 0], [1, 1]]\nheight: 0\n",
+        "1",
+        ("corners[1]", "at an angle"),
+    ),
     "no height": ("corners: [[0, 0], [1, 1], [1, 2]]\n", "1", ("task.yaml", "height")),
     "a corner that is none": ("corners: [[0], [1, 1], [1, 2]]\nheight: 0\n", "1", ("task.yaml:1", "[x, y]")),
     "a part that is elsewhere": (TASK.replace("0.0882", "3"), "1", ("never cuts",)),

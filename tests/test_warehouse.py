@@ -59,6 +59,13 @@ def test_a_carrier_takes_a_parcel_and_puts_it_down_at_a_station() -> None:
     assert hall.world.summary()["parcels"]["p"]["station"] == "a"
 
 
+@pytest.mark.parametrize("radius", [0.6, 0.1])
+def test_a_parcel_that_a_station_has_taken_lies_at_it(radius: float) -> None:
+    hall = Hall(stations=[{"name": "a", "at": [1.3, 2], "radius": radius}], parcels=[{"name": "p", "at": "a"}])
+    assert (hall.answer("load"), hall.answer("unload")) == ((True, "p"), (True, "a"))
+    assert hall.world.summary()["parcels"]["p"]["station"] == "a"
+
+
 def test_a_parcel_out_of_reach_stays_where_it_is() -> None:
     hall = Hall(parcels=[{"name": "p", "at": [5, 3]}])
     assert hall.answer("load") == (False, "no parcel within 0.8 m")
@@ -102,8 +109,11 @@ def test_the_map_has_neither_doors_nor_stations() -> None:
         ({"parcels": [{"at": [9, 9]}]}, r"parcels\[0\]\.at: expected a place on the ground"),
         ({"parcels": [{"at": "a", "to": "x"}]}, r"parcels\[0\]\.to: expected a station, got 'x'"),
         ({"doors": [{"from": [1, 1]}]}, r"doors\[0\]: expected the key to"),
-        ({"doors": [{"name": "a b", "from": [1, 1], "to": [1, 2]}]}, r"doors\[0\]: expected a name of its own"),
-        ({"doors": [{"from": [1, 1], "to": [1, 9]}]}, r"doors\[0\]: expected a door on the ground"),
+        ({"parcels": [{"name": "parcel_2", "at": "a"}, {"at": "b"}]}, "got a second parcel named 'parcel_2'"),
+        ({"doors": [{"name": "a b", "from": [1, 1], "to": [1, 2]}]}, r"doors\[0\]: expected a name of ASCII letters"),
+        ({"doors": [DOOR, DOOR]}, "got a second door named 'door'"),
+        ({"doors": [{"from": [1, 1], "to": [1, 9]}]}, r"doors\[0\]\.to: expected a place on the ground"),
+        ({"doors": [{"from": [1, 1], "to": [1.0, 1]}]}, r"doors\[0\]\.to: expected another place than the other end"),
     ],
 )
 def test_what_is_wrong_in_the_file_is_said_with_its_key(changes: dict[str, Any], text: str) -> None:

@@ -77,6 +77,12 @@ def read_polygon(path: Path) -> CutPolygon:
     polygon = CutPolygon(np.array([corner.point() for corner in corners.items()]), height.number())
     if len(polygon.corners) < 3 or abs(polygon.area) < 1e-9:
         raise corners.error(f"expected a polygon, got {len(polygon.corners)} corners around no area")
+    ahead = np.roll(polygon.corners, -1, axis=0) - polygon.corners
+    behind = np.roll(ahead, 1, axis=0)
+    turns = behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0]
+    for corner, turn in zip(corners.items(), turns, strict=True):
+        if abs(turn) < 1e-9:
+            raise corner.expected("a corner where two sides meet at an angle")
     return polygon
 
 
