@@ -394,7 +394,9 @@ def test_a_condition_takes_a_value_as_it_says(text: str, language: Language, val
 
 
 @pytest.mark.parametrize(("text", "language"), [("${x}", "juel"), ("x", "feel")])
-@pytest.mark.parametrize("value", ["weed", "0", [], [1], {"data": False}, Point(), "y" * 99])
+@pytest.mark.parametrize(
+    "value", ["weed", "0", [], [1], {"data": False}, Point(), "y" * 99, math.nan, np.float32("nan")]
+)
 def test_what_is_neither_true_nor_false_is_no_condition(text: str, language: Language, value: Any) -> None:
     with pytest.raises(TypeError, match=r"the condition: expected true or false, got .{1,60}"):
         judge(text, language, value)

@@ -182,7 +182,7 @@ def _verdict(value: Any) -> bool:
         boolean = _BOOLEANS.get(value.strip().lower())
         if boolean is not None:
             return boolean
-    elif value is None or is_number(value) or type(value).__name__ in ("bool", "bool_"):  # numpy's
+    elif value is None or (is_number(value) and value == value) or type(value).__name__ in ("bool", "bool_"):  # numpy's
         return bool(value)
     shown = repr(value)
     shown = shown if len(shown) <= _SHOWN else f"{shown[: _SHOWN - 3]}..."

@@ -85,7 +85,7 @@ def parse_expression(expression: Expression, *, file: str = "", element: str = "
             case "value" | "feel":
                 text = text.lstrip().removeprefix("=")
                 found: Parsed = load(LANGUAGES["feel"])(text)
-            case _:
+            case "juel":
                 text = text.strip() if inside(text.strip()) is None else str(inside(text.strip()))
                 found = load(LANGUAGES["juel"])(text)
         return found._replace(evaluate=judged(found.evaluate)) if expression.condition else found

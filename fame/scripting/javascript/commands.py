@@ -29,8 +29,9 @@ REALM = "__realm__"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostApi:
-    """One for each robot.
+    """One for each robot. `inbox` has its topics and clients; callbacks are entries of its `scheduler`.
 
+    name       of the robot, as the team knows it
     namespace  of the robot, without slashes
     epoch      date of simulated second 0 (ms since 1970)
     advertise  (topic, type): create a publisher; raises MessageError
