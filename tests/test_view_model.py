@@ -119,6 +119,15 @@ CALLS = process(
 SUB = process('<startEvent id="S"/>').replace('id="P"', 'id="Sub"')
 
 
+def test_variables_that_a_scenario_gives_are_no_finding(tmp_path: Path) -> None:
+    task = '<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/><scriptTask id="t"><script>a = given'
+    (tmp_path / "m.bpmn").write_text(process(f"{task}</script></scriptTask>"))
+    (tmp_path / "day.yaml").write_text("model: m.bpmn\nvariables: {P: {given: 1}}\n")
+    for name, count in (("m.bpmn", 1), ("day.yaml", 0)):
+        with ModelWatch(tmp_path / name) as source:
+            assert len(source.mission()["findings"]) == count
+
+
 def test_what_a_scenario_needs_is_followed_while_it_is_missing_or_broken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import BackendNames, Commands, add_from_room, add_json, add_library, command, positive
 from fame.cli.network import connected, interface
@@ -89,8 +89,8 @@ def run(arguments: Namespace) -> int:
     for file in files:
         if file.model is not None:
             team = teams[id(file.model)]
-            options = {"strict": arguments.strict, "guidelines": arguments.guidelines, "given": file.given}
-            file.found += check(file.model, library=file.library, team=team, outside=file.outside, **options)
+            options = {"strict": arguments.strict, "guidelines": arguments.guidelines, **file.given}
+            file.found += check(file.model, library=file.library, team=team, **options)
         if file.scenario is not None and not _failed(file.found):
             from fame.scenario.scenario import scenario_findings
 
@@ -169,13 +169,12 @@ def _failed(found: Iterable[Finding]) -> bool:
 class _File:
     """A file that is checked: its model if it can be read, and the scenario that names it if there is one.
 
-    `given`: the variables that the scenario sets for each process (id). `outside`: the topics on which it publishes."""
+    `given`: what the scenario gives to the check (`fame.scenario.plan.known_to_check`)."""
 
     library: Library
     model: Definitions | None = None
     scenario: Path | None = None
-    given: dict[str, frozenset[str]] = field(default_factory=dict)
-    outside: Sequence[str] = ()
+    given: Mapping[str, Any] = field(default_factory=dict)
     found: list[Finding] = field(default_factory=list)
 
 
@@ -194,23 +193,12 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
         if str(path) == "-":
             file.model = read(sys.stdin.buffer.read(), file="<stdin>")
         elif path.suffix.lower() in (".yaml", ".yml"):
-            from fame.bpmn.pools import matches, pools_of
-            from fame.scenario.plan import read_scenario
-            from fame.scenario.settings import ALL
+            from fame.scenario.plan import known_to_check, read_scenario
 
             scenario_plan = read_scenario(path)
             file.scenario, file.library = path, Library([*folders, *scenario_plan.library])
             file.model = read(scenario_plan.model)
-            file.outside = [signal.topic for signal, _ in scenario_plan.signals]
-            file.given = {
-                pool.process.id: frozenset(
-                    name
-                    for robot, values in scenario_plan.variables.items()
-                    if robot == ALL or matches(robot, pool)
-                    for name in values
-                )
-                for pool in pools_of(file.model)
-            }
+            file.given = known_to_check(scenario_plan, file.model)
         else:
             file.model = read(path)
             file.scenario = path if beside(path) or draws_properties(file.model, file.library) else None

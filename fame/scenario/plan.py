@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
-from fame.bpmn.pools import Pool
+from fame.bpmn.pools import Pool, matches, pools_of
 from fame.clock import EPOCH, parse_epoch
 from fame.config.loader import read_document
 from fame.config.values import Source
@@ -173,6 +173,22 @@ class ScenarioFile:
     properties: tuple[Property, ...] = ()
     poses: tuple[PoseTopic, ...] = ()
     source: Source = field(default_factory=Source)
+
+
+def known_to_check(content: ScenarioFile, model: Definitions) -> dict[str, Any]:
+    """Return what a scenario tells `fame.check.check`: variables that processes are given, topics on which it sends."""
+    from fame.scenario.settings import ALL
+
+    given = {
+        pool.process.id: frozenset(
+            name
+            for robot, values in content.variables.items()
+            if robot == ALL or matches(robot, pool)
+            for name in values
+        )
+        for pool in pools_of(model)
+    }
+    return {"given": given, "outside": [signal.topic for signal, _ in content.signals]}
 
 
 def _beside(path: Path, name: ConfigValue) -> Path:

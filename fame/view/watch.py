@@ -15,8 +15,9 @@ from fame.check import Finding, check
 from fame.check.scope import of_error
 from fame.closing import Closing
 from fame.config.loader import read_document
-from fame.dataclasses import dataclass, field
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ConfigError, FameError, ModelError
+from fame.scenario.plan import ScenarioFile, known_to_check, read_scenario
 from fame.view.catalogue import NOWHERE, Catalogue
 from fame.view.mission import Chip, mission_json
 
@@ -75,6 +76,7 @@ class _Reading:
     searched: tuple[Path, ...] = ()
     model: Definitions | None = None
     library: Library = field(default_factory=Library)
+    scenario: ScenarioFile | None = None
 
 
 class ModelWatch(FileWatch):
@@ -128,15 +130,15 @@ class ModelWatch(FileWatch):
         """Read the file; if that fails, return the previous diagrams with the error."""
         named = _named(self._path)
         try:
-            model, library = self._model()
+            model, library, scenario = self._model()
             files, searched = _closure(model, library)
-            found = check(model, library=library)
+            found = check(model, library=library, **(known_to_check(scenario, model) if scenario is not None else {}))
             if _is_scenario(self._path) and not any(one.level == "error" for one in found):
                 from fame.scenario.scenario import scenario_findings
 
                 found += scenario_findings(self._path, library=self._folders)
             catalogue, names = Catalogue(files, library.find), (*named, *(Path(file.file) for file in files))
-            return _Reading(catalogue, found, names, searched, model, library)
+            return _Reading(catalogue, found, names, searched, model, library, scenario)
         except (ModelError, ConfigError) as error:
             problem = of_error(error)
         except FameError as error:
@@ -144,15 +146,13 @@ class ModelWatch(FileWatch):
         except Exception as error:  # the page shows it, and what is saved next is read all the same
             problem = Finding("error", f"it could not be checked: {type(error).__name__}: {error}", str(self._path))
         last = self._now
-        return _Reading(last.catalogue, [problem], tuple(dict.fromkeys((*named, *last.files))), last.searched)
+        return replace(last, findings=[problem], files=tuple(dict.fromkeys((*named, *last.files))), model=None)
 
-    def _model(self) -> tuple[Definitions, Library]:
+    def _model(self) -> tuple[Definitions, Library, ScenarioFile | None]:
         if _is_scenario(self._path):
-            from fame.scenario.plan import read_scenario
-
             scenario = read_scenario(self._path)
-            return read(scenario.model), Library([*self._folders, *scenario.library])
-        return read(self._path), Library(self._folders)
+            return read(scenario.model), Library([*self._folders, *scenario.library]), scenario
+        return read(self._path), Library(self._folders), None
 
     # ---- for the page ------------------------------------------------------------------------------------------------
 
