@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import os
 import re
 import shutil
 import tarfile
@@ -24,9 +25,11 @@ from test_diff import DRAWN, FLOWS, OTHERS, TASK
 from view_page import eventually, until
 
 from fame.bpmn import read_text
+from fame.bpmn.library import Library
 from fame.check import check
 from fame.cli import main
 from fame.edit import modeler
+from fame.edit.exploring import Explorer, explored, places
 from fame.edit.session import ModelEdit
 from fame.edit.writer import decoded
 from fame.errors import ConfigError, FameError, UnavailableError
@@ -197,7 +200,7 @@ def test_what_is_no_model_is_not_saved(edit: ModelEdit, model: Path, new: str) -
 
 def test_a_command_of_anything_is_refused_in_a_line(edit: ModelEdit) -> None:
     for command in ({}, {"do": "open"}, {"do": "save"}, {"do": "x", "base": opened_file(edit), "new": OLD}):
-        with pytest.raises(FameError, match="expected open with a base, or check, save or compare with what is drawn"):
+        with pytest.raises(FameError, match="expected open with a base, or another command with what is drawn"):
             edit.control(command)
 
 
@@ -289,6 +292,99 @@ def test_the_page_gives_its_own_files_and_those_of_the_library_alone(edit: Model
                 urlopen(f"{server.address}page/{name}")
         with pytest.raises(HTTPError):
             urlopen(f"http://127.0.0.1:{server.port}/x/page/modeler/a.css")
+
+
+# ---- explored in the background --------------------------------------------------------------------------------------
+
+
+STUCK = """<signal id="A" name="a"/><signal id="B" name="b"/><collaboration id="C"><participant id="X1" name="ONE"
+processRef="P1"/><participant id="X2" name="TWO" processRef="P2"/></collaboration>""" + (
+    "".join(
+        f"""<process id="P{one}" isExecutable="true"><startEvent id="s{one}"/>
+<sequenceFlow id="f{one}" sourceRef="s{one}" targetRef="d{one}"/><intermediateCatchEvent id="d{one}">
+<timerEventDefinition><timeDuration>PT1S</timeDuration></timerEventDefinition></intermediateCatchEvent>
+<sequenceFlow id="k{one}" sourceRef="d{one}" targetRef="w{one}"/>
+<intermediateCatchEvent id="w{one}"><signalEventDefinition signalRef="{catches}"/></intermediateCatchEvent>
+<sequenceFlow id="g{one}" sourceRef="w{one}" targetRef="t{one}"/>
+<scriptTask id="t{one}" scriptFormat="python"><script>open({{mark!r}}, "w").close()</script></scriptTask>
+<sequenceFlow id="h{one}" sourceRef="t{one}" targetRef="e{one}"/>
+<endEvent id="e{one}"><signalEventDefinition signalRef="{throws}"/></endEvent></process>"""
+        for one, catches, throws in ((1, "A", "B"), (2, "B", "A"))
+    )
+)
+
+
+def stuck(mark: Path) -> bytes:
+    """A team of two robots, of which each waits for what the other one throws."""
+    empty = process("")
+    return (empty[: empty.index("<process")] + STUCK.replace("{mark!r}", repr(str(mark))) + "</definitions>").encode()
+
+
+def job(model: Path, subject: Path | None = None) -> dict[str, Any]:
+    return {"subject": str(subject or model), "model": str(model), "library": [], "types": []}
+
+
+def test_what_is_drawn_is_explored_and_the_run_says_where_each_robot_waits(model: Path, tmp_path: Path) -> None:
+    found = explored(stuck(tmp_path / "mark"), job(model))
+    (deadlock, *_) = found["findings"]
+    assert (found["status"], deadlock["level"]) == ("failed", "error")
+    assert "ONE" in deadlock["text"]
+    assert [step["element"] for step in deadlock["steps"]] == ["d1", "d2"]
+    assert [step["waits"] for step in deadlock["steps"]] == [
+        [("ONE", "w1"), ("TWO", "d2")],
+        [("ONE", "w1"), ("TWO", "w2")],
+    ]
+
+
+def test_a_token_inside_of_what_is_called_is_shown_at_the_one_call(model: Path) -> None:
+    (model.parent / "Wait.bpmn").write_text(process(FLOWS + TASK).replace('id="P"', 'id="Wait"').replace('"t"', '"c"'))
+    calls = [f'<callActivity id="t{one}" calledElement="Wait"/>' for one in (1, 2)]
+    teams = [read_text(process(body), file=str(model)) for body in (calls[0], "".join(calls))]
+    assert [places(team, Library()).get("c") for team in teams] == ["t1", None]
+
+
+def test_no_script_has_an_effect_while_it_is_explored(model: Path, tmp_path: Path) -> None:
+    writing = TASK.replace("a = 1", f"open({str(tmp_path / 'mark')!r}, 'w').close()")
+    for content in (process(FLOWS + writing).encode(), stuck(tmp_path / "mark")):
+        explored(content, job(model))
+    assert not (tmp_path / "mark").exists()
+
+
+def test_a_scenario_is_explored_with_the_model_that_is_drawn(model: Path, tmp_path: Path) -> None:
+    subject = tmp_path / "day.yaml"
+    subject.write_text("model: m.bpmn\nworld: {size: [4, 4], robots: {ONE: {type: car, at: [1, 1]}}}\n")
+    found = explored(stuck(tmp_path / "mark"), job(model, subject))
+    assert "TWO" in found["findings"][0]["text"]  # which the world does not have: nothing is explored
+    assert found["status"] == "partial"
+
+
+def test_what_a_scenario_gives_is_known_while_one_draws(model: Path, tmp_path: Path) -> None:
+    subject, text = tmp_path / "day.yaml", OLD.replace("a = 1", "a = given")
+    subject.write_text("model: m.bpmn\nvariables: {P: {given: 1}}\n")
+    for path, names in ((model, ["given"]), (subject, [])):
+        with ModelEdit(path, tmp_path) as source:
+            found = source.control({"do": "check", "base": opened_file(source), "new": text})["findings"]
+        assert [name for name in ("given",) if any(name in one["text"] for one in found)] == names
+
+
+@pytest.mark.long
+def test_the_next_change_ends_an_exploration(model: Path) -> None:
+    with Explorer(model, model) as explorer:
+        results = list[Any]()
+        threads = [
+            threading.Thread(target=lambda: results.append(explorer.explore("w", OLD.encode()))) for _ in range(2)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert sorted(map(bool, results)) == [False, True]
+        late = threading.Thread(target=lambda: results.append(explorer.explore("w", OLD.encode())))
+        late.start()
+        while late.is_alive():
+            explorer.stop("w")
+        late.join()
+    assert results[-1] == {}
 
 
 # ---- in the browser --------------------------------------------------------------------------------------------------
@@ -454,6 +550,26 @@ def test_of_two_windows_on_a_file_none_overwrites_the_other(chromium: Browser, l
         until(one, "edit.drawn.includes('Begin')")
     assert 'name="Number"' in model.read_text()
     assert 'name="Begin"' in model.read_text()
+
+
+def test_what_may_go_wrong_is_found_in_the_background_and_plays_on_the_diagram(
+    chromium: Browser, library: Path, model: Path, tmp_path: Path
+) -> None:
+    model.write_bytes(stuck(tmp_path / "mark"))
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        until(page, "document.querySelector('#explored')?.textContent === 'errors are reached'")
+        page.locator(".play").first.click()
+        page.locator("#steps").wait_for()
+        assert "1 of 2: ONE's timer d1 fires" in page.locator("#steps").inner_text()
+        page.locator("#after").click()
+        assert page.locator(".waits").all_inner_texts() == ["ONE", "TWO"]
+        assert page.locator(".djs-shape.step").get_attribute("data-element-id") == "d2"
+        if folder := os.environ.get("FAME_SHOTS"):
+            page.screenshot(path=Path(folder) / "edit_explored.png")
+        page.evaluate(
+            "edit.modeler.get('modeling').updateProperties(edit.modeler.get('elementRegistry').get('s1'), {name: 'go'})"
+        )
+        until(page, "document.querySelector('#steps').hidden && !document.querySelector('.play')")
 
 
 @pytest.mark.parametrize("cloud", [False, True], ids=["camunda-7", "camunda-8"])

@@ -70,7 +70,7 @@ def run(arguments: Namespace) -> int:
 
     Library(arguments.library)  # a folder that is not there is told before the page is served
     with (
-        ModelEdit(arguments.subject, installed(), arguments.library) as source,
+        ModelEdit(arguments.subject, installed(), arguments.library, arguments.types) as source,
         load(VIEW_SERVING)(source, arguments),
         suppress(KeyboardInterrupt),
     ):

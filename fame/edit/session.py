@@ -9,9 +9,10 @@ element, and decides.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
@@ -26,9 +27,11 @@ from fame.check.library import behaviours
 from fame.check.scope import of_error
 from fame.config.loader import read_document
 from fame.edit.changes import Root, compare, lines
+from fame.edit.exploring import Explorer
 from fame.edit.writer import decoded, save_bytes
 from fame.errors import ConfigError, FameError, ModelError
 from fame.rooms import ADD_DIAGRAM, load
+from fame.scenario.plan import known_to_check
 from fame.text import unreadable, write_file
 from fame.view.watch import ModelWatch
 
@@ -66,7 +69,8 @@ class ModelEdit(ModelWatch):
     """The source of that page. A model that does not exist is begun with a start event, and written when it is saved.
 
     `subject` is a model or a scenario, `modeler` the folder of `fame.edit.modeler`, `library` adds folders with called
-    processes. Raises ConfigError for a model that cannot be read.
+    processes; `types` are folders of message types, which are registered. Raises ConfigError for
+    a model that cannot be read.
     """
 
     longest = 40_000_000
@@ -74,7 +78,7 @@ class ModelEdit(ModelWatch):
     windows = 32
     """Bases that are kept; of more the oldest are forgotten."""
 
-    def __init__(self, subject: Path, modeler: Path, library: Sequence[Path] = ()) -> None:
+    def __init__(self, subject: Path, modeler: Path, library: Sequence[Path] = (), types: Sequence[Path] = ()) -> None:
         self.model = model_of(subject)
         self._modeler = modeler
         self._lock = threading.Lock()
@@ -85,7 +89,13 @@ class ModelEdit(ModelWatch):
         if not self.model.parent.is_dir():
             raise ConfigError("cannot be written: there is no such folder", file=str(self.model.parent))
         parse(self._content(), str(self.model))
+        self._explorer = Explorer(subject, self.model, library, types)
         super().__init__(subject, library, wait=not self.model.exists())
+
+    def close(self) -> None:
+        """Stop watching and exploring."""
+        self._explorer.close()
+        super().close()
 
     def _content(self) -> bytes:
         try:
@@ -122,7 +132,7 @@ class ModelEdit(ModelWatch):
             "hash": _hash(content),
             "modeler": "camunda-cloud" if cloud else "camunda-platform",
             "templates": [one for some in made.values() for one in some],
-            "control": ["save", "check", "compare"],
+            "control": ["save", "check", "compare", "explore"],
             "robots": [],
         }
 
@@ -131,16 +141,22 @@ class ModelEdit(ModelWatch):
         return version, [] if known == version else [{"type": "file", "hash": _hash(self._content())}]
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        """``open``: say what the editor writes of the file. Then ``check`` what is drawn, ``save`` it, if the file is
-        as the page has it, or ``compare`` it with the file. Raises FameError.
+        """``open``: say what the editor writes of the file. Then ``check`` what is drawn, ``explore`` it until the same
+        `window` checks or explores again, ``save`` it, if the file is as the page has it, or ``compare`` it with the
+        file. Raises FameError.
         """
-        acts = {"check": self._checked, "save": self._saved, "compare": self._compared}
+        acts: Mapping[str, _Act] = {
+            "check": self._checked,
+            "save": self._saved,
+            "compare": self._compared,
+            "explore": self._explored,
+        }
         act, new, base = acts.get(str(command.get("do"))), command.get("new"), command.get("base")
         if command.get("do") == "open" and isinstance(base, str):
             with self._lock:
                 return self._opened(command, base)
         if act is None or not isinstance(new, str):
-            raise FameError("expected open with a base, or check, save or compare with what is drawn")
+            raise FameError("expected open with a base, or another command with what is drawn")
         with self._lock:
             begun = self._bases.pop(str(base), None)
             if begun is None:
@@ -149,7 +165,8 @@ class ModelEdit(ModelWatch):
             content = self._content()
             shown = self._shown(content)
             written = save_bytes(shown, begun.text, new, file=str(self.model))
-            return act({**command, "hash": begun.hash}, content, content if written == shown else written)
+            found = act({**command, "hash": begun.hash}, content, content if written == shown else written)
+        return found() if callable(found) else found
 
     def _opened(self, command: Mapping[str, Any], base: str) -> Mapping[str, Any]:
         """Keep what the editor writes of the file, if it says nothing else than the file."""
@@ -172,12 +189,18 @@ class ModelEdit(ModelWatch):
         return name
 
     def _checked(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
+        self._explorer.stop(str(command.get("window")))
         return {"findings": [asdict(one) for one in self._findings(new)]}
+
+    def _explored(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Callable[[], Mapping[str, Any]]:
+        return partial(self._explorer.explore, str(command.get("window")), new)  # without the lock: it takes long
 
     def _findings(self, content: bytes) -> list[Finding]:
         """The findings of what is drawn, those of the file alone."""
         try:
-            found = check(read_bytes(content, file=str(self.model)), library=self._now.library)
+            model, now = read_bytes(content, file=str(self.model)), self._now
+            given = known_to_check(now.scenario, model) if now.scenario is not None else {}
+            found = check(model, library=now.library, **given)
         except ModelError as error:
             found = [of_error(error)]
         return [one for one in found if one.file == str(self.model)]
@@ -202,6 +225,11 @@ class ModelEdit(ModelWatch):
         found = compare(read_text(shown, file=self.model.name), read_bytes(old, file=self.model.name))
         said = [] if found.same else list(lines(found))
         return {"lines": said, "hash": _hash(old), "text": decoded(old, file)[0], "merged": decoded(new, file)[0]}
+
+
+_Found = Mapping[str, Any]
+_Act = Callable[[Mapping[str, Any], bytes, bytes], _Found | Callable[[], _Found]]
+"""What a command does with the file as it is, and with what is drawn; or what is still to be done."""
 
 
 class _Base(NamedTuple):

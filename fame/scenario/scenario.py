@@ -63,6 +63,7 @@ class Scenario(Plan):
         network: NetworkConfig | None = None,
         variables: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
         changes: Mapping[str, Any] = MappingProxyType({}),
+        model: Definitions | None = None,
     ) -> Scenario:
         """Load a scenario file (.yaml), or a model (.bpmn), whose robots are then engines without a world.
 
@@ -71,7 +72,7 @@ class Scenario(Plan):
         minimum of its multiplicity); robots beyond those of the file are copies of its last one, placed by the seed.
         `faults` are injected; `completions` are added to those of the file. `network` adds links and partitions to the
         file's; `variables` are mission parameters by robot (empty: all) and override the file.
-        `changes` are other values of the file, by path (`world.robots.REX.at`).
+        `changes` are other values of the file, by path (`world.robots.REX.at`); `model` is taken for that of the file.
 
         Raises ConfigError and ModelError with file, line, expected and actual value.
         """
@@ -84,7 +85,7 @@ class Scenario(Plan):
             expect(isinstance(network, NetworkConfig), "network", network, "a fame.middleware.network.NetworkConfig")
         path = Path(path)
         content = _scenario_file(path, changes)
-        definitions = read(content.model)
+        definitions = read(content.model) if model is None else model
         definitions = with_semantics(definitions, semantics) if semantics is not None else definitions
         folders = Library([*Library(library).folders, *content.library])
         pools = pools_of(definitions)
@@ -350,15 +351,17 @@ def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
     return replace(definitions, processes=processes)
 
 
-def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool = False) -> list[Finding]:
+def scenario_findings(
+    path: Path, *, library: Sequence[Path] = (), strict: bool = False, model: Definitions | None = None
+) -> list[Finding]:
     """Return the first error of a scenario file (or of a model with properties), its world and its robots, if there is
-    one, and properties that can never be judged; `library` adds folders.
+    one, and properties that can never be judged; `library` adds folders, `model` is taken for that of the file.
 
     Errors that `fame.check.check` finds in the model are found here too, so check the model first. A world that cannot
     be built because a package is missing is a warning.
     """
     try:
-        run = Run(Scenario.load(path, library=library), False, None, None, strict=strict)
+        run = Run(Scenario.load(path, library=library, model=model), False, None, None, strict=strict)
         never = list(run.judging.never_judged()) if run.judging is not None else []
         unmatched = [Finding("warning", text, str(path)) for text in _unmatched_topics(run)]
         unmatched += [*_unreachable_goals(run), *_without_effect(run, str(path)), *_other_kinds(run, str(path))]

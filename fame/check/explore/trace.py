@@ -15,7 +15,7 @@ from fame.check.explore.graph import Explored, shortest
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import BITS, CUT, MASK, Move, Seen, Transition
 from fame.check.explore.views import element_of
-from fame.dataclasses import dataclass, field
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import display_name
 
 _MOST_THROWS = 8
@@ -53,6 +53,7 @@ class Step:
     detail     error code, or topic
     throws     (topic, value for people) of each message that is sent
     choices    (element, chosen, ways) of each decision about something unknown
+    waits      (robot, element) of each token of the team after it
     """
 
     robot: str
@@ -62,6 +63,7 @@ class Step:
     text: str = ""
     throws: tuple[tuple[str, str], ...] = ()
     choices: tuple[tuple[str, int, int], ...] = ()
+    waits: tuple[tuple[str, str], ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
         return self.text
@@ -213,7 +215,12 @@ class Runs:
             if done.stimulus[0] != "loss":
                 olds[place] = done.state
             if step is not None:
-                yield step
+                yield replace(step, waits=tuple(self._waits(names, olds)))
+
+    def _waits(self, names: Sequence[str], states: Sequence[int]) -> Iterator[tuple[str, str]]:
+        for name, local, state in zip(names, self.product.locals, states, strict=True):
+            for element, _ in local.views[state].waiting if state < len(local.views) else ():
+                yield name, element
 
     def _step(self, place: int, robot: str, old: int, move: Move) -> Step | None:
         if old >= CUT:

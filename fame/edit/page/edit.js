@@ -1,6 +1,7 @@
 // The page that edits a model: the library that draws, what is found in the model while it is drawn, and its file.
 
 import { byId, h, icon, messageOf } from "./dom.js";
+import { Exploring } from "./explore.js";
 import { mend } from "./fixes.js";
 import { source } from "./source.js";
 
@@ -10,7 +11,7 @@ const LEVELS = ["error", "warning", "note"];
 const COUNTS = { error: "failed", warning: "warning", note: "" };
 
 /**
- * @typedef {{level: string, text: string, element: string, name: string, line: number, fix: any}} Finding
+ * @typedef {import("./explore.js").Finding} Finding
  * @typedef {{title: string, text: string, hash: string, modeler: string, templates: object[]}} Model
  */
 
@@ -36,6 +37,7 @@ class Edit {
   findings = [];
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   timer = undefined;
+  exploring = new Exploring(this);
   gone = "";
 
   async start() {
@@ -63,9 +65,7 @@ class Edit {
       this.begun = (await source.post({ do: "open", base: this.base, hash })).base;
       if (drawn) await this.modeler.importXML(drawn);
     } catch (error) {
-      byId("findings").replaceChildren(
-        h("p", { cls: "error" }, `It cannot be drawn: ${messageOf(error)}`),
-      );
+      byId("findings").replaceChildren(h("p", { cls: "error" }, `It cannot be drawn: ${messageOf(error)}`));
       return;
     }
     Object.assign(this.mission, { text });
@@ -86,6 +86,7 @@ class Edit {
 
   changed() {
     this.changes += 1;
+    this.exploring.stop();
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.look().catch((error) => this.say(messageOf(error))), REST);
   }
@@ -96,10 +97,25 @@ class Edit {
     const seen = this.changes;
     this.drawn = await this.written();
     this.chips();
-    const found = await source.post({ do: "check", base: this.begun, new: this.drawn });
+    const found = await this.ask("check");
     if (seen !== this.changes) return; // it has changed meanwhile: it is checked again
     this.findings = found.findings;
     this.checked = seen;
+    this.show();
+    this.exploring.begin();
+  }
+
+  /** Send what is drawn. */
+  ask(act, more = {}) {
+    return source.post({ do: act, base: this.begun, new: this.drawn, window: this.exploring.window, ...more });
+  }
+
+  get found() {
+    const found = [...this.findings, ...this.exploring.findings];
+    return found.sort((one, other) => LEVELS.indexOf(one.level) - LEVELS.indexOf(other.level));
+  }
+
+  show() {
     this.chips();
     this.list();
     this.marks();
@@ -107,18 +123,18 @@ class Edit {
 
   chips() {
     const chips = LEVELS.map((level) => {
-      const count = this.findings.filter((one) => one.level === level).length;
+      const count = this.found.filter((one) => one.level === level).length;
       return count && h("span", { cls: `chip ${COUNTS[level]}` }, `${count} ${level}${count > 1 ? "s" : ""}`);
     }).filter(Boolean);
     if (!chips.length) chips.push(h("span", { cls: "chip completed" }, "no problems found"));
     const state = this.gone || (this.dirty ? "not saved" : "saved");
     const cls = `chip ${this.gone ? "failed" : ""}`;
-    byId("chips").replaceChildren(h("span", { cls, id: "state" }, state), ...chips);
+    byId("chips").replaceChildren(h("span", { cls, id: "state" }, state), ...chips, ...this.exploring.chips());
     /** @type {any} */ (byId("save")).disabled = !this.dirty;
   }
 
   list() {
-    const rows = this.findings.map((one) =>
+    const rows = this.found.map((one) =>
       h(
         "div",
         { cls: "finding" },
@@ -129,6 +145,7 @@ class Edit {
           h("span", null, one.name || one.element ? `${one.name || one.element}: ` : "", one.text),
         ),
         one.fix && h("button", { cls: "text fix", onclick: () => mend(this.modeler, one.fix) }, one.fix.text),
+        one.steps?.length && h("button", { cls: "text play", onclick: () => this.exploring.play(one) }, "Play it"),
       ),
     );
     byId("findings").replaceChildren(...rows);
@@ -139,8 +156,8 @@ class Edit {
     const overlays = this.modeler.get("overlays");
     const elements = this.modeler.get("elementRegistry");
     overlays.remove({ type: "finding" });
-    for (const id of new Set(this.findings.map((one) => one.element))) {
-      const these = this.findings.filter((one) => one.element === id);
+    for (const id of new Set(this.found.map((one) => one.element))) {
+      const these = this.found.filter((one) => one.element === id);
       if (!id || !elements.get(id)) continue;
       const level = LEVELS.find((name) => these.some((one) => one.level === name));
       const title = these.map((one) => one.text).join("\n");
@@ -163,7 +180,7 @@ class Edit {
     this.drawn = await this.written();
     const { drawn } = this;
     try {
-      const { base, hash, text } = await source.post({ do: "save", base: this.begun, new: drawn });
+      const { base, hash, text } = await this.ask("save");
       Object.assign(this, { base: drawn, begun: base, hash });
       Object.assign(this.mission, { text });
       this.chips();
@@ -181,9 +198,9 @@ class Edit {
   }
 
   async compare() {
-    const command = { do: "compare", base: this.begun, new: await this.written(), text: this.mission.text };
+    this.drawn = await this.written();
     try {
-      this.outside(await source.post(command));
+      this.outside(await this.ask("compare", { text: this.mission.text }));
     } catch (error) {
       this.outside({ lines: [messageOf(error)], hash: "", text: "", merged: "" });
     }

@@ -36,7 +36,7 @@ LEAST = 1.0
 
 
 def explore(
-    model: str | Path | Definitions,
+    model: str | Path | Definitions | Scenario,
     *,
     robots: Mapping[str, int] = MappingProxyType({}),
     library: str | Path | Sequence[str | Path] = (),
@@ -53,7 +53,7 @@ def explore(
 ) -> Exploration:
     """Explore the reachable states of a collaboration, and return the findings.
 
-    model     a scenario (.yaml), a model (.bpmn) or what `fame.read` gave
+    model     a scenario (.yaml), a model (.bpmn) or what `fame.Scenario.load` or `fame.read` gave
     robots    number of robots of a multi-instance pool, by its name; else as many as the scenario has, else the minimum
               of the multiplicity, at least 2
     delivery  ``run``, ``fast`` or ``any``, or several of them
@@ -84,8 +84,10 @@ def explore(
         first=first,
         progress=progress,
     )
+    if _is_scenario(model):
+        model = Scenario.load(model, robots=robots, library=library)
+    scenario = model if isinstance(model, Scenario) else None
     definitions, folders, cast = cast_of(model, robots, library)
-    scenario = Scenario.load(model, robots=robots, library=library) if _is_scenario(model) else None
     if scenario is not None:
         request = replace(request, sources=_sources(scenario), variables=scenario.variables)
     said = scenario.properties if scenario is not None else _said(definitions, folders, cast)
@@ -119,8 +121,8 @@ def _sources(scenario: Scenario) -> frozenset[str]:
     return frozenset(given)
 
 
-def _is_scenario(model: str | Path | Definitions) -> TypeGuard[str | Path]:
-    return not isinstance(model, Definitions) and Path(model).suffix.lower() in (".yaml", ".yml")
+def _is_scenario(model: str | Path | Definitions | Scenario) -> TypeGuard[str | Path]:
+    return not isinstance(model, Definitions | Scenario) and Path(model).suffix.lower() in (".yaml", ".yml")
 
 
 def explore_found(definitions: Definitions, library: Library, robots: Mapping[str, Pool]) -> Exploration:
@@ -175,14 +177,13 @@ def explore_migrated(
 
 
 def cast_of(
-    model: str | Path | Definitions, robots: Mapping[str, int], library: str | Path | Sequence[str | Path]
+    model: str | Path | Definitions | Scenario, robots: Mapping[str, int], library: str | Path | Sequence[str | Path]
 ) -> tuple[Definitions, Library, dict[str, Pool]]:
     """Return the model, its library, and robot -> pool. Raises ModelError and ConfigError."""
     for name, count in robots.items():
         expect(0 < count <= MOST, f"robots of {name}", count, f"1 to {MOST}")
-    if _is_scenario(model):
-        plan = Scenario.load(model, robots=robots, library=library)
-        return plan.definitions, plan.library, dict(plan.cast)
+    if isinstance(model, Scenario):
+        return model.definitions, model.library, dict(model.cast)
     from fame.bpmn.reader import read
 
     definitions = read(model)
