@@ -27,7 +27,7 @@ ROOMS: Mapping[str, Room] = {
     "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
     "edit": Room(("fame.edit", "fame.cli.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
-    "monitor": Room(("fame.monitor", "robots.arm", "fame.cli.monitor"), "models learned from data", "ml"),
+    "monitor": Room(("fame.monitor", "robots.arm", "fame.cli.monitor"), "learned models", "ml"),
     "explore": Room(
         ("fame.check.explore", "fame.scenario.explore", "fame.cli.exploration"),
         "every reachable state of a collaboration",
@@ -204,6 +204,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "process": "fame.cli.monitor.pipelines:add_process",
         "judge": "fame.cli.monitor.models:add_judge",
         "model": "fame.cli.monitor.models:add_model",
+        "export": "fame.cli.monitor.export:add_export",
         "label": "fame.cli.monitor.labelling:add_label",
         "retrain": "fame.cli.monitor.labelling:add_retrain",
         "adm": "fame.cli.monitor.adm:add",

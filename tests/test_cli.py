@@ -27,7 +27,7 @@ def fame(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
     )
 
 
-MONITORS = ("record", "train", "process", "judge", "model", "label", "retrain", "adm")
+MONITORS = ("record", "train", "process", "judge", "model", "export", "label", "retrain", "adm")
 LOGS = ("record", "convert", "merge", "judge")
 
 

@@ -66,7 +66,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
               "monitor adm learn learn.yaml"),
     "joblib": ("campaign CONVOY --runs 1", "monitor adm learn learn.yaml", "run SABOTAGE"),
     "onnx": ("monitor train train.yaml --onnx x.onnx",),
-    "onnxruntime": ("monitor process onnx.yaml --middleware zenoh",),
+    "onnxruntime": ("monitor process onnx.yaml --middleware zenoh", "monitor train train.yaml --onnx x.onnx"),
     "pandas": ("campaign CONVOY --runs 1 --jobs 1 --parquet", "monitor judge SKOPS runs.parquet"),
     "pyarrow": ("campaign CONVOY --runs 1 --jobs 1 --parquet", "monitor judge SKOPS runs.parquet"),
     "distributed": ("campaign CONVOY --runs 1 --backend dask --address tcp://127.0.0.1:1",),

@@ -115,15 +115,6 @@ def test_a_model_comes_back_as_it_was(model: TrainedModel, tmp_path: Path, endin
     assert again.versions.keys() >= {"scikit-learn", "numpy", "skops"}
 
 
-def test_onnxruntime_finds_the_same_loss(model: TrainedModel, tmp_path: Path) -> None:
-    import onnxruntime
-
-    model.save(tmp_path / "model.onnx")
-    session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
-    windows = np.random.default_rng(2).normal(size=(7, 20, 3))
-    np.testing.assert_allclose(session.run(None, {"windows": windows})[0], model.loss(windows), rtol=1e-5)
-
-
 def refusal(path: Path, **asked: object) -> str:
     with pytest.raises(ConfigError) as caught:
         TrainedModel.load(path, **asked)

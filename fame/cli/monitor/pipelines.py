@@ -294,8 +294,8 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="MODEL.skops", help="file to write, instead of the configuration's Model"
     )
-    parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="write the model as ONNX too (autoencoders)")
-    parser.add_argument("--onnx-single", action="store_true", help="with --onnx: 32-bit inputs and outputs")
+    parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="deprecated: fame monitor export writes ONNX")
+    parser.add_argument("--onnx-single", action="store_true", help="deprecated: fame monitor export --single")
     parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the loss of each run, with the thresholds")
     parser.add_argument("--compare", action="store_true", help="compare all detectors on these runs, and use the best")
     parser.add_argument(
@@ -315,7 +315,8 @@ def run_train(arguments: Namespace) -> int:
     from fame.monitor.pipeline.recording import RecordingOptions, tables_of
 
     if arguments.onnx is not None:
-        require("onnx")
+        require("onnx", "onnxruntime")
+        note("fame: note: fame monitor train --onnx is now fame monitor export MODEL.skops -o MODEL.onnx")
     elif arguments.onnx_single:
         raise ConfigError("--onnx-single is about the file of --onnx, which is not given")
     training, file = _training(arguments)
@@ -341,7 +342,8 @@ def _failed(files: Sequence[str]) -> dict[str, list[str]]:
 def store_trained(arguments: Namespace, training: Training, file: str, files: Sequence[str], complete: Complete) -> int:
     """Train, store the model with its card, and print the result; `files` are what the user named, and `complete` says
     what was left out of them."""
-    from fame.monitor.data_files import hash_files
+    from fame.cli.monitor.export import export
+    from fame.monitor.data_files import hash_files, read_labelled_runs
     from fame.monitor.model_card import origin_of, write_card
     from fame.monitor.pipeline.compare import ALL
     from fame.monitor.pipeline.train import train
@@ -381,7 +383,8 @@ def store_trained(arguments: Namespace, training: Training, file: str, files: Se
         model.save(path)
         write_card(model, path)
     if arguments.onnx is not None:
-        model.save(arguments.onnx, single=arguments.onnx_single)
+        runs = [run.samples for run in read_labelled_runs(training.files, model.columns, training.special)]
+        export(model, runs, arguments.onnx, single=arguments.onnx_single)
     warnings = warnings_of(model)
     if arguments.plots is not None:
         _plot_training(arguments.plots, model, training)

@@ -11,7 +11,7 @@ Processors::
 
 Models::
 
-    trained_model  TrainedModel: autoencoders with thresholds, stored and loaded, also as ONNX
+    trained_model  TrainedModel: a detector with thresholds, stored and loaded; onnx_files: also as ONNX
     detectors      kinds of detectors: autoencoders, PCA, nearest neighbours ...; phases: the one that knows time;
                    other_estimators: those of scikit-learn and PyOD
     elements       the time axis of elements of a mission; band: what the training runs did over it

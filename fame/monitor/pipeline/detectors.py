@@ -220,15 +220,16 @@ class Nearest:
         require("scipy")
         from scipy.spatial import cKDTree
 
-        return cKDTree(self._place(self.kept))
+        return cKDTree(self.place(self.kept))
 
-    def _place(self, reduced: Floats) -> Floats:
+    def place(self, reduced: Floats) -> Floats:
+        """Return where neighbours are looked up (n, components)."""
         return self.components.project(reduced) * self.components.deviations
 
     def loss(self, windows: Floats, times: Floats | None = None) -> Floats:
         """Return the mean squared difference to the nearest kept window."""
         values = reduced(windows)
-        _, nearest = self._tree.query(self._place(values))
+        _, nearest = self._tree.query(self.place(values))
         return np.asarray(((values - self.kept[nearest]) ** 2).mean(axis=1))
 
     @classmethod

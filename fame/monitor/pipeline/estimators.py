@@ -258,7 +258,7 @@ def load_estimator(path: str | Path) -> Any:
 
     Raises ConfigError for anything else, and for what could run code.
     """
-    from fame.monitor.pipeline.trained_model import OnnxEstimator
+    from fame.monitor.pipeline.onnx_files import OnnxEstimator
     from fame.monitor.storage import read_artefact
 
     if str(path).endswith(".onnx"):

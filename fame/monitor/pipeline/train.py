@@ -601,20 +601,27 @@ def _check_count(runs: Sequence[Samples]) -> None:
         raise ConfigError(text, element="Training")
 
 
-def _windows(runs: Sequence[Samples], config: Training, rate: float, axis: Axis) -> tuple[Floats, Floats]:
-    """Return the windows that train (n, window, channels), and the times of their ends (n,), s on the axis of phases;
-    NaN behind the time that half of the runs last.
-
-    Phases need the windows of all runs, and by themselves only the reduced ones; of others `samples` are drawn.
-    """
+def cut(
+    runs: Sequence[Samples], config: Training, rate: float, axis: Axis, kept: Callable[[Floats], Floats] = np.asarray
+) -> tuple[Floats, Floats]:
+    """Return the windows of filtered runs, what is `kept` of them (n, window, channels), and the times of their ends
+    (n,), s on the axis of phases. Raises ConfigError if there are none."""
     cut = [Windower().feed(run.replace(run.channels()), config.window, config.stride, rate) for run in runs]
-    kept: Callable[[Floats], Floats] = reduced if config.detector == Phases.kind else np.asarray
     pairs = [
         (kept(part.values), run_times(run, part.stamps, axis)) for part, run in zip(cut, runs, strict=True) if len(part)
     ]
     if not pairs:
         raise ConfigError(f"no run has {config.window} samples at {rate:.3g} Hz in a row", element="Training.window")
     windows, times = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    return windows, times
+
+
+def _windows(runs: Sequence[Samples], config: Training, rate: float, axis: Axis) -> tuple[Floats, Floats]:
+    """Return the windows that train, and the times of their ends; NaN behind the time that half of the runs last.
+
+    Phases need the windows of all runs, and by themselves only the reduced ones; of others `samples` are drawn.
+    """
+    windows, times = cut(runs, config, rate, axis, reduced if config.detector == Phases.kind else np.asarray)
     lasted = np.median([run.stamps[-1] - run.stamps[0] for run in runs if len(run)])
     times = times if axis else np.where(times <= lasted, times, np.nan)
     if Phases.kind in config.detector:

@@ -1,18 +1,12 @@
-"""Trained models: a detector with thresholds and origin, stored and loaded; autoencoders also as ONNX files.
+"""Trained models: a detector with thresholds and origin, stored and loaded, also as ONNX files (`onnx_files`).
 
 Models are stored as `fame.monitor.storage` says; all detectors are plain arrays and texts, which do not depend on the
 version of scikit-learn.
-
-The graph of an ONNX file takes ``windows`` (n, window, channels) in the unit of the data and gives ``loss``
-(n, channels), so that any ONNX runtime can evaluate it without FAME. The metadata hold the remaining values of the
-model. An ONNX file holds data and operators, never Python code.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,11 +15,11 @@ from numpy.typing import NDArray
 
 from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
-from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import Calibration
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.detectors import ACTIVATIONS, STORED, ChannelAutoencoders, FittedDetector, detector_name
+from fame.monitor.pipeline.onnx_files import onnx_bytes, read_onnx
 from fame.monitor.storage import StoredModel, read_model
 from fame.text import write_file
 
@@ -107,14 +101,13 @@ class TrainedModel(StoredModel):
         return self.detector.loss((np.asarray(windows, dtype=np.float64) - self.mean) / self.scale, times)
 
     def save(self, path: str | Path, *, single: bool = False) -> None:
-        """Store the model: with skops, or autoencoders as ONNX if the name ends in ``.onnx``; `single`: with inputs and
-        outputs of 32 bit.
+        """Store the model: with skops, or as ONNX if the name ends in ``.onnx``; `single`: with inputs and outputs of
+        32 bit.
 
-        Raises UnavailableError without the package that writes it, ConfigError for another detector as ONNX.
+        Raises UnavailableError without the package that writes it, ConfigError for a detector without a form in ONNX.
         """
         if str(path).endswith(".onnx"):
-            _ = self.network  # ONNX files hold autoencoders
-            write_onnx(self.to_plain(), path, single=single)
+            write_file(path, onnx_bytes(self, single=single))
         else:
             StoredModel.save(self, path)
 
@@ -167,119 +160,3 @@ def _check_network(network: ChannelAutoencoders, window: int, channels: int) -> 
         raise ValueError(f"weights of {[weight.shape for weight in network.weights]} for {channels} columns")
     if [bias.shape for bias in network.biases] != [(channels, 1, shape[2]) for shape in shapes]:
         raise ValueError(f"biases of {[bias.shape for bias in network.biases]}")
-
-
-_OPSET, _IR = 18, 9
-_OPERATORS = {"relu": "Relu", "tanh": "Tanh", "logistic": "Sigmoid"}
-_METADATA_KEY = "fame"
-_NOT_METADATA = ("format", "mean", "scale", "detector")
-
-
-def write_onnx(model: Mapping[str, Any], path: str | Path, *, single: bool = False) -> None:
-    """Write a model of autoencoders, given as `TrainedModel.to_plain` gives it; `single`: inputs and outputs of 32 bit.
-
-    The graph computes with 64 bit in both cases. Raises UnavailableError without the package `onnx`.
-    """
-    onnx = _package("onnx")
-    network = model["detector"]
-    constants = {"mean": model["mean"], "scale": model["scale"]}
-    for layer, (weight, bias) in enumerate(zip(network["weights"], network["biases"], strict=True)):
-        constants |= {f"weight_{layer}": weight, f"bias_{layer}": bias}
-    channels = len(model["columns"])
-    shapes = (("windows", ["n", model["window"], channels]), ("loss", ["n", channels]))
-    kind = onnx.TensorProto.FLOAT if single else onnx.TensorProto.DOUBLE
-    inputs, outputs = (onnx.helper.make_tensor_value_info(name, kind, shape) for name, shape in shapes)
-    tensors = [onnx.numpy_helper.from_array(np.ascontiguousarray(value), name) for name, value in constants.items()]
-    tensors.append(onnx.numpy_helper.from_array(np.array([2], dtype=np.int64), "samples"))
-    nodes = _nodes(len(network["weights"]), network["activation"], onnx.helper.make_node, kind, onnx.TensorProto.DOUBLE)
-    graph = onnx.helper.make_graph(nodes, "autoencoders", [inputs], [outputs], tensors)
-    proto = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", _OPSET)], ir_version=_IR)
-    metadata = {name: value for name, value in model.items() if name not in _NOT_METADATA}
-    metadata["activation"] = network["activation"]
-    onnx.helper.set_model_props(proto, {_METADATA_KEY: json.dumps(metadata, default=np.ndarray.tolist)})
-    write_file(path, proto.SerializeToString())
-
-
-def read_onnx(path: str | Path) -> dict[str, Any]:
-    """Read what `write_onnx` wrote. Raises ConfigError for any other file, UnavailableError without `onnx`."""
-    onnx = _package("onnx")
-    try:
-        proto = onnx.load(str(path))
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except Exception as error:  # of the parser: the package does not document which
-        raise ConfigError(f"is not a valid ONNX file ({type(error).__name__})", file=str(path)) from None
-    metadata = {entry.key: entry.value for entry in proto.metadata_props}.get(_METADATA_KEY)
-    if metadata is None:
-        text = "is not a model of fame monitor train; an Estimator can run other ONNX files"
-        raise ConfigError(text, file=str(path))
-    try:
-        tensors = {entry.name: onnx.numpy_helper.to_array(entry) for entry in proto.graph.initializer}
-        layers = range(sum(name.startswith("weight_") for name in tensors))
-        weights, biases = ([tensors[f"{part}_{layer}"] for layer in layers] for part in ("weight", "bias"))
-        content = {**json.loads(metadata), "mean": tensors["mean"], "scale": tensors["scale"]}
-        network = {"kind": ChannelAutoencoders.kind, "activation": content["activation"]}
-        return {**content, "kind": TrainedModel.kind, "detector": {**network, "weights": weights, "biases": biases}}
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
-
-
-class OnnxEstimator:
-    """Any ONNX model with one input of features (n, features), with the methods of an estimator.
-
-    Raises ConfigError for a file that onnxruntime does not take, UnavailableError without it.
-    """
-
-    n_features_in_: int
-
-    def __init__(self, path: str | Path) -> None:
-        runtime = _package("onnxruntime")
-        options = runtime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        try:
-            self._session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # of onnxruntime: it has classes of its own for every reason
-            reason = str(error).partition("\n")[0][:120]
-            raise ConfigError(f"onnxruntime refuses it: {reason}", file=str(path)) from None
-        (self._input, *others) = self._session.get_inputs()
-        if others:
-            raise ConfigError("expected one input of features, got several", file=str(path))
-        self._type = np.float64 if self._input.type == "tensor(double)" else np.float32
-        if isinstance(self._input.shape[-1], int):
-            self.n_features_in_ = self._input.shape[-1]
-
-    def predict(self, features: Floats) -> Any:
-        """Return the first output."""
-        return self._session.run(None, {self._input.name: np.ascontiguousarray(features, dtype=self._type)})[0]
-
-
-def _nodes(layers: int, activation: str, make: Any, outside: int, inside: int) -> list[Any]:
-    """Build the graph: scale, channels first, the layers, mean squared error, channels last; `outside` and `inside` are
-    the types of its ends and of its numbers."""
-    nodes = [
-        make("Cast", ["windows"], ["numbers"], to=inside),
-        make("Sub", ["numbers", "mean"], ["shifted"]),
-        make("Div", ["shifted", "scale"], ["scaled"]),
-        make("Transpose", ["scaled"], ["inputs"], perm=[2, 0, 1]),
-    ]
-    at = "inputs"
-    for layer in range(layers):
-        nodes.append(make("MatMul", [at, f"weight_{layer}"], [f"product_{layer}"]))
-        nodes.append(make("Add", [f"product_{layer}", f"bias_{layer}"], [f"sum_{layer}"]))
-        at = f"sum_{layer}"
-        if layer < layers - 1 and activation in _OPERATORS:
-            nodes.append(make(_OPERATORS[activation], [at], [f"layer_{layer}"]))
-            at = f"layer_{layer}"
-    return [
-        *nodes,
-        make("Sub", [at, "inputs"], ["errors"]),
-        make("Mul", ["errors", "errors"], ["squares"]),
-        make("ReduceMean", ["squares", "samples"], ["means"], keepdims=0),
-        make("Transpose", ["means"], ["losses"], perm=[1, 0]),
-        make("Cast", ["losses"], ["loss"], to=outside),
-    ]
-
-
-def _package(name: str) -> Any:
-    require(name)
-    return import_module(name)
