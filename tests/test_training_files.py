@@ -390,8 +390,10 @@ def test_a_stream_with_labels_has_rates_of_its_rows_beside_those_of_an_alarm_tha
     assert main(["monitor", "train", *words, *more, "-o", model, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["columns"] == ["a", "b"]
     assert main(["monitor", "judge", model, words[1], "--start", "8", "--json"]) == 1
-    figures = json.loads(capsys.readouterr().out)["figures"]
-    assert figures["rows missed"]["rate"] < 0.05
+    found = json.loads(capsys.readouterr().out)
+    figures, rows = found["figures"], found["runs"][0]["rows"]
+    assert sum(rows.values()) == 496  # from the first whole window on
+    assert rows["missed"] / (rows["missed"] + rows["found"]) == figures["rows missed"]["rate"] < 0.05
     assert figures["rows with a false alarm"]["rate"] < 0.1
     assert figures["F1 of rows"] > 0.85 > figures["F1 if the alarm were always on"]
     assert figures["F1 if the alarm were always on"] == pytest.approx(2 * 100 / (100 + 496), rel=0.01)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from argparse import Namespace
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,15 +16,21 @@ import pytest
 import yaml
 from monitor_runs import told
 from recorded_runs import record
+from test_view_server import ask
 from view_page import opened, until
 
 from fame.cli import main
+from fame.cli.monitor.labelling import label_on_page
 from fame.cli.monitor.models import judged_on_page
+from fame.cli.network import person
+from fame.errors import FameError
 from fame.log import Recording
 from fame.monitor.data_files import read_labelled_runs
+from fame.monitor.labels import read_labels
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.scenario import Fault, Scenario
-from fame.view import Replay
+from fame.view import Replay, Server
+from fame.view.people import Person
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -152,6 +161,93 @@ def test_a_recording_without_the_topics_is_one_line(folder: Path, capsys: pytest
         assert capsys.readouterr().err.endswith("--monitor judges a recording (RUN.mcap), without --branch\n")
     assert main(["view", str(folder / "1.mcap"), "--config", str(folder / "config.yaml")]) == 2
     assert "--config says what --monitor MODEL.skops reads" in capsys.readouterr().err
+
+
+def labelling(folder: Path, run: Path) -> Replay:
+    """The page of a recording whose alarms can be called false."""
+    label = partial(label_on_page, folder / "m.skops", run, asked(folder))
+    return Replay(run, monitor=shown(folder, run), label=label)
+
+
+@pytest.fixture
+def labels(folder: Path) -> Iterator[Callable[[], list[tuple[str, ...]]]]:
+    """What was said of runs: label, who, number; gone after the test."""
+
+    def said() -> list[tuple[str, ...]]:
+        return [(each["label"], each["who"], each["run"]) for each in read_labels(folder / "m.skops").values()]
+
+    yield said
+    (folder / "m.labels.json").unlink(missing_ok=True)
+    shutil.rmtree(folder / "m.labels", ignore_errors=True)
+
+
+def test_an_alarm_that_was_false_goes_into_the_next_training(
+    folder: Path, labels: Callable[[], Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with labelling(folder, folder / "held.mcap") as replay:
+        assert replay.mission()["control"] == ["label"]
+        assert {alarm["run"] for alarm in replay.mission()["monitor"]["alarms"]} == {0}
+        said = replay.control({"do": "label", "run": 0, "who": "ann (operator)"})["said"]
+        for run, reason in ((1, "has no run 1; it has 1"), ("0", "expected the number of a run"), (-1, "got -1")):
+            with pytest.raises(FameError, match=reason):
+                replay.control({"do": "label", "run": run})
+    assert said == f"The run is benign: fame monitor retrain {folder / 'm.skops'} uses that."
+    assert labels() == [("benign", "ann (operator)", "0")]
+    before = TrainedModel.load(folder / "m.skops").conditions["runs"]
+    shutil.copytree(folder / "m.labels", folder / "n.labels")
+    shutil.copy(folder / "m.labels.json", folder / "n.labels.json")
+    shutil.copy(folder / "m.skops", folder / "n.skops")
+    words = ["monitor", "retrain", str(folder / "n.skops"), "--data", str(folder / "runs.csv"), "--keep"]
+    assert main(words) == 0
+    assert "ann (operator)" in capsys.readouterr().out
+    assert TrainedModel.load(folder / "n.skops").conditions["runs"] == before + 1
+
+
+def test_a_recording_gets_and_loses_its_label_by_commands(folder: Path, labels: Callable[[], Any]) -> None:
+    run, model = str(folder / "held.mcap"), ("--model", str(folder / "m.skops"))
+    read = ("--config", str(folder / "config.yaml"), "--namespace", "Arm")
+    assert main(["monitor", "label", run, "--benign", *model]) == 2  # nobody says what of it is read
+    assert main(["monitor", "label", run, "--benign", "--by", "ann", *model, *read]) == 0
+    assert labels() == [("benign", "ann", "0")]
+    assert main(["monitor", "label", run, "--remove", *model]) == 0
+    assert labels() == []
+
+
+def test_who_may_only_complete_tasks_labels_nothing(folder: Path, labels: Callable[[], Any]) -> None:
+    ann, command = Person("ann", "operator"), json.dumps({"do": "label", "run": 0, "who": "the director"})
+    with labelling(folder, folder / "held.mcap") as replay, Server(replay, people=[ann]) as server:
+
+        def answer(token: str | None) -> tuple[int, bytes]:
+            status, _, content = ask(server, "/control", "POST", token=token, body=command)
+            return status, content
+
+        assert json.loads(ask(server, "/mission.json", token=ann.token)[2])["control"] == []
+        status, content = answer(ann.token)
+        assert (status, b"may only complete tasks" in content) == (409, True)
+        assert answer("guessed")[0] == 404
+        assert labels() == []
+        assert answer(None)[0] == 200
+    ((_, who, _),) = labels()
+    assert who == person()  # not what the page says
+
+
+def test_a_page_without_alarms_and_one_that_is_a_file_have_no_button(folder: Path) -> None:
+    with labelling(folder, folder / "1.mcap") as replay:
+        assert replay.mission()["control"] == []
+    with Replay(folder / "held.mcap", monitor=shown(folder, folder / "held.mcap")) as replay:
+        assert replay.mission()["control"] == []
+
+
+def test_the_button_says_what_was_false_and_labels_it(
+    chromium: Browser, folder: Path, labels: Callable[[], Any]
+) -> None:
+    with labelling(folder, folder / "held.mcap") as replay, opened(chromium, replay) as page:
+        page.get_by_role("button", name="Alarm was false …").click()
+        dialog = page.get_by_role("dialog", name="Was the alarm false?")
+        assert JOINT in dialog.inner_text()
+        dialog.get_by_role("button", name="The run was benign").click()
+        page.get_by_text("The run is benign: fame monitor retrain").wait_for()
+    assert labels() == [("benign", person(), "0")]
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)], ids=["wide", "phone"])

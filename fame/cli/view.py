@@ -30,7 +30,7 @@ from fame.cli.arguments import (
 from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
-from fame.rooms import JUDGE_FOR, MONITOR_INPUTS, MONITOR_ON_PAGE, load
+from fame.rooms import JUDGE_FOR, MONITOR_INPUTS, MONITOR_LABEL, MONITOR_ON_PAGE, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -215,7 +215,8 @@ def _source(path: Path, arguments: Namespace) -> ModelWatch | Replay | HeatMap:
     if kind != ".mcap":
         expected = "a recording (.mcap), a model (.bpmn) or a scenario (.yaml)"
         raise ConfigError(f"expected {expected}, got {kind!r}", file=str(path))
-    return _replay(path, arguments, branch=partial(_branch_of_page, arguments))
+    label = None if arguments.monitor is None else partial(load(MONITOR_LABEL), arguments.monitor, path, arguments)
+    return _replay(path, arguments, branch=partial(_branch_of_page, arguments), label=label)
 
 
 def _replay(path: Path, arguments: Namespace, **options: Any) -> Replay:

@@ -40,6 +40,8 @@ TELLING = 3
 """Channels of a run that are drawn in the band of the training runs, at most."""
 CUT = 0.8
 """A run shorter than this part of the shortest training run was cut off, where runs have a length of their own."""
+ROWS = ("found", "false alarms", "missed", "quiet")
+"""Rows of a run with labels: anomalous ones with an alarm, benign ones with one, anomalous without, benign without."""
 WHOLE = 0.99
 """Share of a run that has to be judged to call it benign: a window may end before the last samples."""
 
@@ -70,8 +72,7 @@ class JudgedRun:
     cut             its file is incomplete: how it went on is not known
     known           the model has learned from it: its verdict says nothing about other runs
     order           what is wrong with the order of its elements of the mission
-    rows            of a run with labels, how many judged rows are anomalous with an alarm, benign with one, anomalous
-                    without, and benign without
+    rows            of a run with labels, how many judged rows are of each kind of `ROWS`
     """
 
     number: int
@@ -217,6 +218,7 @@ class JudgedRuns:
                     "score": run.score if run.ratios.size else None, "seconds": run.seconds,
                     "label": run.label, "onset": run.onset, "order": list(run.order),
                     "latency": run.latency, "learned from": run.known, "notes": list(run.notes),
+                    "rows": dict(zip(ROWS, run.rows, strict=True)),
                     "events": [
                         {"kind": each.kind, "start": each.start, "end": each.end, "peak": each.peak,
                          "shares": each.shares, "explanations": [found.text for found in each.explanations]}

@@ -88,12 +88,12 @@ def on_page(judgement: JudgedRuns) -> dict[str, Any]:
         "model": Path(judgement.model).name,
         "verdicts": [run.verdict for run in judgement.runs],
         "alarms": [
-            {"from": _ns(run.begin + event.start), "until": _ns(run.begin + event.end),
+            {"run": run.number, "from": _ns(run.begin + event.start), "until": _ns(run.begin + event.end),
              "text": [each.text for each in event.explanations] or list(event.shares)}
             for run in judgement.runs
             for event in run.events
         ] + [
-            {"from": _ns(run.begin), "until": _ns(run.begin + run.seconds), "text": list(run.order)}
+            {"run": run.number, "from": _ns(run.begin), "until": _ns(run.begin + run.seconds), "text": list(run.order)}
             for run in judgement.runs if run.order
         ],
         "channels": [_curve(run, channel) for run in drawn for channel in run.telling],

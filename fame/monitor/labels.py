@@ -1,7 +1,8 @@
 """What people say of recorded runs, beside a model: its next training uses it.
 
 ``joint_monitor.skops`` has ``joint_monitor.labels.json``: of each run its hash, file and number, the label, who said so
-and when. A benign run trains, also if it is unlike the others; an anomalous one does not.
+and when. A benign run trains, also if it is unlike the others; an anomalous one does not. Of bags, the tables of what
+the model reads are kept in the folder ``joint_monitor.labels``.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.copies import run_hash
-from fame.monitor.data_files import LabelledRun, Special, read_labelled_runs
+from fame.monitor.data_files import LabelledRun, Special, is_bag, read_labelled_runs
 from fame.text import read_json, write_file
 
 Said = Mapping[str, Mapping[str, str]]
@@ -28,6 +30,14 @@ _KEYS = ("file", "run", "label", "who", "when")
 
 def _path(model: str | Path) -> Path:
     return Path(model).with_suffix(".labels.json")
+
+
+def table_beside(model: str | Path, file: str | Path) -> Path:
+    """Return the table of a file of runs: of a bag one that belongs to a model, under a name of its own."""
+    if not is_bag(Path(file)):
+        return Path(file)
+    digest = sha256(str(Path(file).resolve()).encode()).hexdigest()[:8]
+    return Path(model).with_suffix(".labels") / f"{Path(file).stem}-{digest}.csv"
 
 
 def read_labels(model: str | Path) -> Said:

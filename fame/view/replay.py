@@ -43,7 +43,7 @@ class Replay(Closing):
 
     `branch` answers the command *Branch here* of the page: with the files that would run, or, once these are agreed to,
     with the address of the page of the new run. It raises FameError. `monitor` is what a model of monitoring says of
-    the recording (`fame.monitor.judge_report.on_page`).
+    the recording (`fame.monitor.judge_report.on_page`), and `label` answers *Alarm was false*.
     """
 
     catalogue: Catalogue
@@ -54,8 +54,9 @@ class Replay(Closing):
         *,
         branch: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None,
         monitor: Mapping[str, Any] | None = None,
+        label: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None,
     ) -> None:
-        self._branch, self._path, self._monitor = branch, Path(path), monitor
+        self._branch, self._path, self._monitor, self._label = branch, Path(path), monitor, label
         with ExitStack() as opened:
             try:
                 self._recording = opened.enter_context(Recording(path))
@@ -219,7 +220,7 @@ class Replay(Closing):
             blocks=self._packer.index(0, done),
             end=recording.end - self._offset,
             reading=reading,
-            control=["branch"] if self._can_branch else [],
+            control=[*self._acts()],
             empty=["The recording has no models", "It shows timeline, variables and log, but no diagrams."],
             messages=not {*self._topics} <= {*_OWN},
         )
@@ -319,14 +320,19 @@ class Replay(Closing):
         return self.catalogue.tasks(element)
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        if command.get("do") != "branch" or not self._can_branch:
+        act = self._acts().get(str(command.get("do")))
+        if act is None:
             raise FameError("a recording cannot be controlled")
-        assert self._branch is not None
-        return self._branch(command)
+        return act(command)
 
-    @property
-    def _can_branch(self) -> bool:
-        return self._branch is not None and "seed" in self._recording.metadata
+    def _acts(self) -> dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]:
+        """Return what a page can ask for, by the name of the command."""
+        acts = {}
+        if self._branch is not None and "seed" in self._recording.metadata:
+            acts["branch"] = self._branch
+        if self._label is not None and self._monitor is not None and self._monitor["alarms"]:
+            acts["label"] = self._label
+        return acts
 
 
 def _verdict(monitor: Mapping[str, Any]) -> Chip:

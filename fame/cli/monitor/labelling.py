@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from getpass import getuser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, command
-from fame.cli.output import table
+from fame.cli.monitor.models import add_inputs, read_for
+from fame.cli.network import person
+from fame.cli.output import note, table
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 _LABEL_EXAMPLES = (
     "fame monitor label monday.csv:3 --benign --model joint_monitor.skops",
     "fame monitor label monday.csv:3 --remove --model joint_monitor.skops",
+    "fame monitor label run.mcap --benign --model joint_monitor.skops --config low_pass.yaml --namespace Arm",
 )
 
 
@@ -31,39 +34,77 @@ def add_label(commands: Commands) -> None:
         examples=_LABEL_EXAMPLES,
         help="say what recorded runs are, such as that an alarm was false; the next training of the model uses it",
     )  # fmt: skip
-    parser.add_argument("runs", nargs="+", metavar="RUN", help="CSV file with its runs, or one of them: runs.csv:3")
+    parser.add_argument(
+        "runs",
+        nargs="+",
+        metavar="RUN",
+        help="file with its runs, or one of them: runs.csv:3; of a bag, the table is kept beside the model",
+    )
     label = parser.add_mutually_exclusive_group(required=True)
     label.add_argument("--benign", dest="label", action="store_const", const="benign", help="it trains")
     label.add_argument("--anomalous", dest="label", action="store_const", const="anomalous", help="it does not train")
     label.add_argument("--remove", dest="label", action="store_const", const="",
                        help="take back what was said, also of a file that is gone")  # fmt: skip
     parser.add_argument("--model", type=Path, required=True, metavar="MODEL.skops", help="beside which that is stored")
-    parser.set_defaults(config=None, namespace="")
+    add_inputs(parser)
     parser.add_argument("--by", metavar="NAME", help="who says so (default: the user)")
 
 
 def run_label(arguments: Namespace) -> int:
     """Store what is said of runs, or take it back."""
-    from fame.cli.monitor.models import read_for
-    from fame.monitor.labels import add_labels, remove_labels
-    from fame.monitor.pipeline.trained_model import TrainedModel
+    from fame.monitor.labels import remove_labels, table_beside
 
     found = [re.fullmatch(r"(.+):(\d+)", text) or (text, text, "") for text in arguments.runs]
     named = [(each[1], each[2] and str(int(each[2]))) for each in found]
     if not arguments.label:
-        count = remove_labels(arguments.model, named)
+        count = remove_labels(arguments.model, [(str(table_beside(arguments.model, file)), run) for file, run in named])
         print(f"{count} {'label' if count == 1 else 'labels'} removed: fame monitor retrain {arguments.model}")
         return 0
-    model, chosen = TrainedModel.load(arguments.model), []
+    count = label(arguments.model, named, arguments.label, arguments.by or getuser(), arguments)
+    print(f"{count} {arguments.label} {'run' if count == 1 else 'runs'}: fame monitor retrain "
+          f"{arguments.model} uses what is said")  # fmt: skip
+    return 0
+
+
+def label(path: Path, named: Sequence[tuple[str, str]], label: str, who: str, arguments: Namespace) -> int:
+    """Store what somebody says of runs, each a file and a number (empty: all of the file), beside a model. Returns of
+    how many. Raises ConfigError."""
+    from fame.monitor.labels import add_labels
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+    model, chosen = TrainedModel.load(path), []
     for file, number in named:
-        runs = list(enumerate(read_for(model, [Path(file)], arguments)))
+        runs = list(enumerate(read_for(model, [_table(path, file, model, arguments)], arguments)))
         if number and int(number) >= len(runs):
             raise ConfigError(f"has no run {number}; it has {len(runs)}, from 0 on", file=file)
         chosen += [runs[int(number)]] if number else runs
-    add_labels(arguments.model, chosen, arguments.label, arguments.by or getuser())
-    print(f"{len(chosen)} {arguments.label} {'run' if len(chosen) == 1 else 'runs'}: fame monitor retrain "
-          f"{arguments.model} uses what is said")  # fmt: skip
-    return 0
+    add_labels(path, chosen, label, who)
+    return len(chosen)
+
+
+def _table(path: Path, file: str, model: TrainedModel, arguments: Namespace) -> Path:
+    """Return the table of a run, which the next training reads: of a bag one that is written beside the model."""
+    from fame.monitor.labels import table_beside
+    from fame.monitor.pipeline.recording import RecordingOptions, tables_of
+    from fame.text import write_file
+
+    kept = table_beside(path, file)
+    if kept != Path(file) and arguments.config is not None:
+        options = RecordingOptions(namespace=arguments.namespace, elements=bool(model.elements), report=note)
+        with tables_of([file], arguments.config, options) as tables:
+            kept.parent.mkdir(exist_ok=True)
+            write_file(kept, Path(tables.paths[0]).read_bytes())
+        return kept
+    return Path(file)
+
+
+def label_on_page(path: Path, recording: Path, arguments: Namespace, command: Mapping[str, Any]) -> dict[str, Any]:
+    """Say for a page, and for who uses it, that a run of a recording was benign. Raises ConfigError."""
+    run = command.get("run")
+    if not isinstance(run, int) or isinstance(run, bool) or run < 0:
+        raise ConfigError(f"expected the number of a run, got {run!r}")
+    label(path, [(str(recording), str(run))], "benign", str(command.get("who") or person()), arguments)
+    return {"said": f"The run is benign: fame monitor retrain {path} uses that."}
 
 
 def add_retrain(commands: Commands) -> None:

@@ -1,4 +1,5 @@
-// Control of a simulated run besides its pace: breakpoints, signal, set, fault, branch. Absent where read-only.
+// Control of a run besides its pace: breakpoints, signal, set, fault; of a recording: branch, label. Absent where
+// read-only.
 
 /** @import {App} from "./main.js" */
 import { h, icon, renew, messageOf } from "./dom.js";
@@ -57,6 +58,7 @@ export class Control {
     if (can.has("set")) parts.push(h("button", { cls: "text", onclick: () => this.set() }, "Set"));
     if (can.has("fault")) parts.push(h("button", { cls: "text", onclick: () => this.fault() }, icon("bolt"), "Fault"));
     if (can.has("branch")) parts.push(this.branchButton());
+    if (can.has("label")) parts.push(this.labelButton());
     if (can.has("change")) parts.push(this.app.change.button());
     renew(this.root, parts);
   }
@@ -80,6 +82,27 @@ export class Control {
       icon("branch"),
       "Branch here",
     );
+  }
+
+  labelButton() {
+    const title = "Say that the run was benign: the next training of the model uses that";
+    return h("button", { cls: "text", title, onclick: () => this.label() }, "Alarm was false …");
+  }
+
+  /** Say that a run was benign which a model alarmed about. */
+  async label() {
+    const { alarms, model } = this.app.mission.monitor;
+    const runs = [...new Set(alarms.map(({ run }) => String(run)))];
+    const choice = { key: "run", label: "Run", kind: "select", options: runs.map(same), value: runs[0] };
+    const found = await ask("Was the alarm false?", runs.length > 1 ? [choice] : [], "The run was benign", [
+      h("p", null, `The next training of ${model} then takes it as undisturbed.`),
+      h(
+        "ul",
+        null,
+        alarms.map(({ run, text }) => h("li", null, `${runs.length > 1 ? `run ${run}: ` : ""}${text.join("; ")}`)),
+      ),
+    ]);
+    if (found) await this.send({ do: "label", run: Number(found.run ?? runs[0]) });
   }
 
   /** Ask whether to run what the recording names; its tab opens at once, and shows how far it has come. */
