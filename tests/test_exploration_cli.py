@@ -187,6 +187,13 @@ def written(path: Path, steps: dict[str, Steps], **options: Any) -> str:
     return str(path)
 
 
+def test_warnings_of_the_model_itself_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "m.bpmn"
+    path.write_text(text_of({"A": ["run y = never_set"]}))
+    assert main(["check", "--explore", str(path)]) == 0
+    assert "1 warning of the model itself: fame check" in capsys.readouterr().err
+
+
 def test_no_code_of_a_model_is_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     marker = tmp_path / "marker"
     (tmp_path / "helper.py").write_text(f"open({str(marker)!r}, 'w')")

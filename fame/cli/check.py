@@ -142,7 +142,7 @@ def _compare(files: Sequence[_File], arguments: Namespace) -> None:
 
 def _explore(arguments: Namespace) -> int:
     """Explore files that have no errors."""
-    from fame.check import check
+    from fame.check import check, summary
 
     explore = load(EXPLORE_RUN)
     if arguments.guidelines:
@@ -152,11 +152,13 @@ def _explore(arguments: Namespace) -> int:
             raise ConfigError("--explore needs files, not stdin")
         file = _read(path, arguments.library)
         if file.model is not None:
-            file.found += [one for one in check(file.model, library=file.library) if one.level == "error"]
-        if file.found:
-            for finding in file.found:
+            file.found += check(file.model, library=file.library)
+        if errors := [finding for finding in file.found if finding.level == "error"]:
+            for finding in errors:
                 print(coloured(str(finding), sys.stderr), file=sys.stderr)
             raise ConfigError("has errors: nothing is explored", file=str(path))
+        if warned := [finding for finding in file.found if finding.level == "warning"]:
+            print(f"fame: {path}: {summary(warned)} of the model itself: fame check {path}", file=sys.stderr)
     code: int = explore(arguments)
     return code
 
