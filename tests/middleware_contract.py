@@ -3,7 +3,7 @@
 ``local`` is simulated time in one process. ``dds`` has all nodes in one participant and a scheduler that waits in DDS;
 ``dds apart`` has each node in a participant of its own, so that everything between two of them goes through discovery,
 and a plain scheduler. ``zenoh`` and ``zenoh apart`` are the same with sessions of Zenoh, ``ros`` and ``ros apart`` with
-rclpy and its contexts, where it is installed.
+rclpy and its contexts, where it is installed. In ``zenoh crowd`` no session learns of all endpoints.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ BACKENDS = [
     pytest.param("dds apart", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("zenoh", marks=[needs("zenoh"), pytest.mark.zenoh]),
     pytest.param("zenoh apart", marks=[needs("zenoh"), pytest.mark.zenoh, pytest.mark.long]),
+    pytest.param("zenoh crowd", marks=[needs("zenoh"), pytest.mark.zenoh, pytest.mark.long]),
     pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
     pytest.param("ros apart", marks=[needs("rclpy"), pytest.mark.ros]),
 ]
@@ -149,6 +150,8 @@ def world(backend: str) -> World:
     """A new world of a backend."""
     if backend == "local":
         return LocalWorld()
+    if backend == "zenoh crowd":
+        return CrowdWorld()
     apart = backend.endswith("apart")
     return {"dds": dds_world, "ros": ros_world, "zenoh": zenoh_world}[backend.split()[0]](apart=apart)
 
@@ -174,6 +177,21 @@ def zenoh_world(*, apart: bool) -> WallWorld:
 
     scheduler = WallScheduler() if apart else DataScheduler()
     return WallWorld(scheduler, partial(ZenohMiddleware, domain=DOMAIN), apart=apart)
+
+
+class CrowdWorld(WallWorld):
+    """Each node in a session of its own, all of a crowd that meets in another process's session: here one more."""
+
+    def __init__(self) -> None:
+        from fame.middleware.zenoh import ZenohMiddleware
+        from fame.middleware.zenoh.session import take_over
+
+        super().__init__(WallScheduler(), partial(ZenohMiddleware, domain=DOMAIN, crowd=2), apart=True)
+        self._hall: Any = take_over(DOMAIN, 2)
+
+    def close(self) -> None:
+        super().close()
+        self._hall.close()
 
 
 def middlewares(world: World) -> Iterable[Any]:

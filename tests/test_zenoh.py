@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from fame.clock import SECOND, WallScheduler
 from fame.cpython import keep_thread_state
 from fame.errors import ConfigError, MessageError
 from fame.middleware import codec
-from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS
+from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS, TopicInfo, known_topics
 from fame.middleware.messages import create
 from fame.middleware.zenoh import ZenohMiddleware, endpoints, session, tokens
 from fame.middleware.zenoh.session import locators
@@ -233,6 +233,27 @@ def test_a_crowd_meets_in_one_process_and_talks_through_it(here: WallWorld) -> N
     here.until(publisher.matched)
     here.until(lambda: publisher.publish(create(TEXT, "through the hall")) or bool(heard))
     assert set(heard) == {"through the hall"}
+
+
+def test_one_of_a_crowd_learns_of_all_nodes_and_of_the_topics_that_it_has_to_do_with(here: WallWorld) -> None:
+    talker, hall = here.node("talker", "B"), here.middlewares[0]
+    for topic in ("status", "/A/order", "/found", "/elsewhere"):
+        talker.publisher(topic, TEXT)
+    listener = here.node("listener", "B")
+    listener.subscription("/C/status", TEXT, lambda message: None)
+    member = ZenohMiddleware(here.scheduler, domain=DOMAIN, crowd=2)
+    here.middlewares.append(member)
+    robot = member.node("robot", "A")
+    robot.subscription("/found", TEXT, lambda message: None)
+
+    def names(topics: Iterable[TopicInfo]) -> list[str]:
+        return [info.name for info in topics]
+
+    own = ["/A/order", "/found"]
+    here.until(lambda: (member.namespaces(), names(known_topics(member))) == (["A", "B"], own))
+    assert names(known_topics(member, ["/*/status"], publishers=True)) == ["/A/order", "/B/status", "/found"]
+    assert names(known_topics(hall)) == names(hall.graph())
+    assert names(member.graph()) == ["/A/order", "/B/status", "/C/status", "/elsewhere", "/found"]
 
 
 def test_a_crowd_and_a_busy_machine_have_a_longer_lease(monkeypatch: pytest.MonkeyPatch) -> None:

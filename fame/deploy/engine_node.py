@@ -267,7 +267,7 @@ class EngineNode:
         protocol = self._protocol.state
         team = protocol.running.team if protocol.running is not None else ()
         mission = progress(self.running)
-        lost = self._lost_ends.texts(protocol.running, self.robot, self.scheduler.now, self.middleware.graph)
+        lost = self._lost_ends.texts(protocol.running, self.robot, self.scheduler.now, self.middleware)
         waits = mission.get("instances") or mission.get("waits")
         still_running = self.running.runner.cancelled.texts() if self.running is not None else ()
         blind = [f"the monitor is blind: {text}" for text in self.running.host.blind.values()] if self.running else ()

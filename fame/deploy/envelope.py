@@ -11,7 +11,7 @@ from fame.dataclasses import dataclass, field, replace
 from fame.deploy import fields
 from fame.errors import DeploymentError, FameError, ModelError
 from fame.fast_json import json_bytes, json_value
-from fame.middleware.interface import Middleware, QoS
+from fame.middleware.interface import Middleware, QoS, known_topics
 from fame.text import read_json
 from fame.version import PROTOCOL, current, differs
 
@@ -394,6 +394,5 @@ def _text_hash(text: str) -> str:
 def engines(middleware: Middleware) -> list[str]:
     """Return the robots (namespaces) that have an engine."""
     suffix = "/bpmn_status"
-    return [
-        info.name[1 : -len(suffix)] for info in middleware.graph() if info.name.endswith(suffix) and info.publishers
-    ]
+    topics = known_topics(middleware, [f"/*{suffix}"], publishers=True)
+    return [info.name[1 : -len(suffix)] for info in topics if info.name.endswith(suffix) and info.publishers]

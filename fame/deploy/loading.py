@@ -27,7 +27,7 @@ from fame.deploy.termination import PeerAnswered
 from fame.errors import FameError, ModelError
 from fame.gc_tuning import uncollected
 from fame.middleware import messages
-from fame.middleware.interface import Middleware, Node
+from fame.middleware.interface import Middleware, Node, known_topics
 
 if TYPE_CHECKING:
     from fame.deploy.options import EngineOptions
@@ -363,7 +363,7 @@ def _missing(promises: Mapping[str, str], robot: str, middleware: Middleware) ->
     """The promised ends that are not there, as ``topic (publisher)``; those of the robot itself do not count."""
     if not promises:
         return ()
-    graph = {info.name: info for info in middleware.graph() if info.name in promises}
+    graph = {info.name: info for info in known_topics(middleware, promises) if info.name in promises}
     absent = []
     for topic, end in promises.items():
         info = graph.get(topic)

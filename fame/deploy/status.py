@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
@@ -15,7 +15,7 @@ from fame.deploy.request_verifier import RequestVerifier
 from fame.deploy.signing import Identity
 from fame.errors import FameError
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, EndpointWarning, Middleware, Node, TopicInfo
+from fame.middleware.interface import LATCHED, EndpointWarning, Middleware, Node, TopicInfo, known_topics
 from fame.version import PROTOCOL, current
 
 if TYPE_CHECKING:
@@ -310,18 +310,15 @@ class LostEnds:
         self._since: dict[str, int] = {}
         self._robots: dict[str, list[str]] = {}  # who was seen at a topic
 
-    def texts(
-        self, envelope: Envelope | None, robot: str, now: int, graph: Callable[[], Sequence[TopicInfo]]
-    ) -> list[str]:
-        """Return what to say at `now` (ns) of the ends that `robot` was promised; `graph` is
-        called once a heartbeat."""
+    def texts(self, envelope: Envelope | None, robot: str, now: int, middleware: Middleware) -> list[str]:
+        """Return what to say at `now` (ns) of the ends that `robot` was promised; looks once a heartbeat."""
         if envelope is None or not envelope.promises:
             return []
         if envelope.deployment != self._deployment:
             self._deployment, self._polled, self._since, self._robots = envelope.deployment, -1, {}, {}
         if self._polled < 0 or now - self._polled >= HEARTBEAT * SECOND:
             self._polled = now
-            there = {info.name: info for info in graph() if info.name in envelope.promises}
+            there = {info.name: info for info in known_topics(middleware, envelope.promises)}
             for topic, end in envelope.promises.items():
                 self._look(topic, _others(there.get(topic), end, robot), now)
         return [

@@ -314,6 +314,17 @@ class Middleware(Protocol):
         """Close all nodes."""
 
 
+def known_topics(middleware: Middleware, names: Iterable[str] = (), *, publishers: bool = False) -> Sequence[TopicInfo]:
+    """Return the topics that a middleware knows: those that its own endpoints are on, and those of `names` (full names,
+    with ``*`` for any characters), of which it learns from the first time on; with `publishers`, of these ends alone.
+
+    Of a hundred robots on one machine, none has to know all topics. It is the same list until something changes.
+    """
+    known = getattr(middleware, "known_topics", None)
+    found: Sequence[TopicInfo] = middleware.graph() if known is None else known(names, publishers=publishers)
+    return found
+
+
 def resolve(topic: str, namespace: str) -> str:
     """Return the full name of a topic seen from a namespace.
 

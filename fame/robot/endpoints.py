@@ -24,7 +24,7 @@ from fame.clock import SECOND, Entry, Scheduler
 from fame.engine.host import BpmnError
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
-from fame.middleware.interface import SIGNAL, AnyMessage, Middleware, Node, Publisher, QoS, resolve
+from fame.middleware.interface import SIGNAL, AnyMessage, Middleware, Node, Publisher, QoS, known_topics, resolve
 from fame.scripting import Inbox, ScriptTopic
 
 _PATIENCE, _POLL = 5 * SECOND, SECOND // 100
@@ -102,7 +102,7 @@ class Endpoints:
         for name, use in self._uses.items():
             if use.declared and resolve(name, self._node.namespace) == full:
                 return use.declared
-        info = next((item for item in self._middleware.graph() if item.name == full), None)
+        info = next((item for item in known_topics(self._middleware, [full]) if item.name == full), None)
         return info.types[0] if info is not None and info.types else None
 
     def _open(self, name: str, use: TopicUse, on_message: Callable[[Any], object]) -> None:
@@ -151,7 +151,7 @@ def subscribers_of(middleware: Middleware, suffix: str, own: str) -> list[str]:
     full name) subscribes."""
     return [
         info.name.removeprefix("/").removesuffix(suffix)
-        for info in middleware.graph()
+        for info in known_topics(middleware, [f"/*{suffix}"])
         if info.name.endswith(suffix) and any(name != own for name in info.subscribers)
     ]
 

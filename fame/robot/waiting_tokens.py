@@ -22,7 +22,7 @@ from fame.engine.program import USER, Catch, Node as ProgramNode
 from fame.engine.repair import INCIDENT
 from fame.engine.state import Scope, Wait, joins_reached, scopes_of
 from fame.errors import display_name
-from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, resolve
+from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, TopicInfo, known_topics, resolve
 from fame.robot.mission import Mission
 from fame.robot.wait_sentences import sentence, value_text
 from fame.scripting import Runner, effects_of
@@ -158,7 +158,7 @@ class WaitingTokens:
 
     def refresh_publishers(self) -> bool:
         """Look up the publishers. Returns whether they or the warnings have changed; `details` differ then."""
-        topics, warned = self._middleware.graph(), len(self._middleware.warnings)
+        topics, warned = known_topics(self._middleware), len(self._middleware.warnings)
         if topics is self._topics and warned == self._warned:
             return False
         before, self._topics = (self._graph, self._warned), topics
@@ -322,7 +322,7 @@ class WaitingTokens:
 
     def _publishers(self) -> Mapping[str, Collection[str]]:
         """The other nodes that publish on each topic, once for each publisher."""
-        topics, own = self._middleware.graph(), self._node.full_name
+        topics, own = known_topics(self._middleware), self._node.full_name
         if topics is not self._listed:
             self._listed = topics
             self._others = {info.name: [name for name in info.publishers if name != own] for info in topics}

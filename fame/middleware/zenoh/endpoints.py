@@ -59,6 +59,7 @@ class _Declared:
         self.key: str = tokens.topic_key(middleware.domain, name, type, type_hash)
         token = tokens.endpoint_token(node.entity.token, kind, middleware.next_id(), name, type, type_hash, qos)
         self.entity: Entity = tokens.entity(token)
+        middleware.follow(name=name)
         self.end: Any = None
         self._token: Any = None
 
@@ -350,6 +351,7 @@ class ZenohClient(WireClient):
     @property
     def available(self) -> bool:
         """Whether a node offers the service now."""
+        self.node.middleware.ask((tokens.SERVICE, self.name))
         return not self.closed and bool(self._declared.others(tokens.SERVICE))
 
     def servers(self) -> frozenset[str]:

@@ -6,6 +6,10 @@ somebody asks what is there, or for `_LOOK` at most: of a hundred engines that s
 
 Zenoh connects whatever has the same key expression. That endpoints whose quality of service does not match are not
 connected, as over DDS, is up to the subscription: it knows the publisher of each message from the graph.
+
+One of a `crowd` does not learn of all endpoints, which would cost a hundred of them the square of their number, but of
+all nodes, of what is in the namespaces of its own nodes, and of the topics and services that it asks for or has an
+endpoint on. Only who asks for the whole `graph` learns of the rest.
 """
 
 from __future__ import annotations
@@ -13,8 +17,9 @@ from __future__ import annotations
 import atexit
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from functools import partial
 from itertools import count, islice
 from typing import Any, ClassVar
@@ -42,6 +47,10 @@ _TAKE_OVER = SECOND
 """Interval at which a process checks whether the process that all connect to has ended (ns)."""
 _FLUSH_PATIENCE = 4.0
 """How long another process may take to confirm what it has (s)."""
+_ANSWER_PATIENCE = 2.0
+"""How long the router may take to say who is there (s)."""
+_ANY = "*"
+"""Any kind of token."""
 
 
 class Graph:
@@ -188,11 +197,11 @@ class ZenohMiddleware(WireMiddleware):
         self._ids = count()
         self._barrier: Any = None
         self._meeting: Any = None  # a second session, where processes meet
-        waiting: Any = zenoh.handlers.FifoChannel(_MAX_ENTITIES)
-        everything = f"{tokens.ROOT}/{self.domain}/**"
-        self._tokens: Any = self.session.liveliness().declare_subscriber(everything, waiting, history=True)
+        self._tokens: dict[tuple[str, str], Any] = {}  # subscribers, by what they `follow`
+        self._asked: set[tuple[str, str]] = set()
         self._taking = threading.RLock()
         self._takes = False
+        self.follow(tokens.NODE if crowd else _ANY)
         self._look()
         if network is None:
             scheduler.after(_TAKE_OVER, self._take_over)
@@ -205,7 +214,45 @@ class ZenohMiddleware(WireMiddleware):
         return ZenohNode(self, name, namespace.strip("/"), part)
 
     def graph(self) -> list[TopicInfo]:
+        self.ask((_ANY, ""))
         return list(self.entities.topics())
+
+    def known_topics(self, names: Iterable[str] = (), *, publishers: bool = False) -> Sequence[TopicInfo]:
+        """See `fame.middleware.interface.known_topics`."""
+        kind = tokens.PUBLISHER if publishers else _ANY
+        self.ask(*((kind, name) for name in names))
+        return self.entities.topics()
+
+    def follow(self, kind: str = _ANY, name: str = "") -> None:
+        """Learn from now on of what `tokens.pattern` describes."""
+        if not self._follows_all() and not any(
+            fnmatchcase(kind, kinds) and fnmatchcase(name, names) for kinds, names in self._tokens
+        ):
+            waiting: Any = zenoh.handlers.FifoChannel(_MAX_ENTITIES)
+            key = tokens.pattern(self.domain, kind, name)
+            self._tokens[kind, name] = self.session.liveliness().declare_subscriber(key, waiting, history=True)
+
+    def ask(self, *ends: tuple[str, str]) -> None:
+        """Do so for kinds and names and, the first time, wait until what is there is known."""
+        unknown = set(ends) - self._asked
+        if not unknown or self._follows_all() or self.closed:
+            return
+        self._asked.update(unknown)
+        for end in unknown:
+            self.follow(*end)
+        with self._taking:
+            self._takes = True  # who leaves after the answer is removed after it
+        try:
+            keys = [tokens.pattern(self.domain, *end) for end in unknown]
+            queries = [self.session.liveliness().get(key, timeout=_ANSWER_PATIENCE) for key in keys]
+            for sample in (reply.ok for query in queries for reply in query):
+                if sample is not None:
+                    self._on_token(sample)
+        finally:
+            self._takes = False
+
+    def _follows_all(self) -> bool:
+        return (_ANY, "") in self._tokens
 
     def namespaces(self) -> list[str]:
         return sorted({entity.namespace for entity in self.entities.all() if entity.namespace})
@@ -214,6 +261,7 @@ class ZenohMiddleware(WireMiddleware):
         return list(self.entities.nodes())
 
     def offers(self, service: str) -> list[tuple[str, str]]:
+        self.ask((tokens.SERVICE, service))
         return [(entity.type, entity.node) for entity in self.entities.named(service, tokens.SERVICE)]
 
     def matching_subscriptions(self, publisher: ZenohPublisher) -> int:
@@ -304,8 +352,9 @@ class ZenohMiddleware(WireMiddleware):
                 return  # to take one asks for others
             self._takes = True
             try:
-                for sample in islice(iter(self._tokens.try_recv, None), _AT_ONCE):
-                    self._on_token(sample)
+                for subscriber in list(self._tokens.values()):
+                    for sample in islice(iter(subscriber.try_recv, None), _AT_ONCE):
+                        self._on_token(sample)
             finally:
                 self._takes = False
 
@@ -342,6 +391,8 @@ class ZenohNode(WireNode):
 
     def __init__(self, middleware: ZenohMiddleware, name: str, namespace: str, part: str) -> None:
         super().__init__(middleware, name, namespace, part)
+        if namespace:
+            middleware.follow(name=f"/{namespace}/*")
         others = self.others()
         if others:
             self.entity, self._token = others[0].entity, others[0]._token

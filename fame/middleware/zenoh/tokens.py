@@ -109,6 +109,18 @@ def node_token(domain: int, session: str, node_id: int, namespace: str, name: st
     return f"{ROOT}/{domain}/{session}/{node_id}/{node_id}/{NODE}/%/%{namespace.replace('/', '%')}/{name}"
 
 
+def pattern(domain: int, kind: str = "*", name: str = "") -> str:
+    """Return the key expression of the tokens of a kind; with `name`, of the endpoints of such topics and services.
+
+    A ``*`` stands for any kind and, in a name, for any characters.
+
+    >>> pattern(0, NODE), pattern(0, PUBLISHER, "/*/bpmn_status")
+    ('@ros2_lv/0/*/*/*/NN/**', '@ros2_lv/0/*/*/*/MP/*/*/*/%$*%bpmn_status/**')
+    """
+    place = f"*/*/*/{name.replace('/', '%').replace('*', '$*')}/" if name else ""
+    return f"{ROOT}/{domain}/*/*/*/{kind}/{place}**"
+
+
 def endpoint_token(node: str, kind: EntityKind, id: int, name: str, type: str, type_hash: str, qos: QoS) -> str:
     parts = node.split("/")
     parts[4:6] = str(id), kind
