@@ -8,6 +8,8 @@ import fame
 from fame.bpmn.model import Definitions, Expression
 from fame.check.explore.aliases import Aliases
 from fame.check.explore.asking import asking
+from fame.check.explore.values import Unknown, Values
+from fame.errors import MessageError
 from fame.scenario.explore.exploration import explore
 from fame.testing import MissionLoader
 
@@ -130,6 +132,39 @@ def test_a_condition_on_a_message_of_which_nothing_is_known_has_both_answers(con
         return _deadlocks(fame.read(text.encode()))
 
     assert (deadlocks(["work"], ["throw go"]), deadlocks(["throw go"], ["work"])) == BOTH
+
+
+def test_a_value_that_is_nested_too_deep_is_known_as_far_as_possible() -> None:
+    deep = "run m = [1]\nfor i in range(3000): m = [m]\nn = len(m)"
+    assert outcomes("n == 1", deep) == (True, False)
+    assert outcomes("m[0] == [1]", deep) == (False, True)
+
+
+def test_a_message_from_outside_that_is_sent_on_is_as_unknown() -> None:
+    typed = "<extensionElements><camunda:properties><camunda:property name='type' value='geometry_msgs/msg/Point'/>{}"
+    sends = "<camunda:property name='payload' value='${x}'/>"
+
+    def deadlocks(first: Steps, second: Steps) -> bool:
+        text = text_of(
+            {"A": ["catch x", "throw y"], "B": ["catch y", ("if", "y.x > 1", first, second)], "C": ["catch go"]}
+        )
+        for name, more in (("x", ""), ("y", sends)):
+            content = f"{typed.format(more)}</camunda:properties></extensionElements>"
+            text = text.replace(f'name="{name}">', f'name="{name}">{content}')
+        return _deadlocks(fame.read(text.encode()))
+
+    assert (deadlocks(["work"], ["throw go"]), deadlocks(["throw go"], ["work"])) == BOTH
+
+
+@pytest.mark.parametrize(
+    "payload", [{"z_": Unknown}, {"position": {"w": Unknown}}, {"position": {"x": 1}, "z_": Unknown}]
+)
+def test_an_unknown_value_of_a_field_that_is_not_there_is_an_error(payload: dict[str, object]) -> None:
+    def filled(item: object) -> object:
+        return {name: filled(inner) for name, inner in item.items()} if isinstance(item, dict) else Values().unknown
+
+    with pytest.raises(MessageError, match="there is no such field"):
+        Values().message("geometry_msgs/msg/Pose", filled(payload))
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
-from fame.errors import FameError
-from fame.middleware import messages
+from fame.errors import FameError, MessageError
+from fame.middleware import messages, typesystem
 from fame.middleware.definitions import EMPTY_FIELD
 from fame.scripting.python_effects import CHANGING_METHODS
 
@@ -163,7 +163,10 @@ class Values:
                     return UNKNOWN
                 number = self._add(key, "atom", value)
             return number
-        return self._compound(value)
+        try:
+            return self._compound(value)
+        except RecursionError:  # nested too deep
+            return UNKNOWN
 
     def _compound(self, value: Any) -> int:
         number = self._places.get(id(value))
@@ -271,8 +274,9 @@ class Values:
     def message(self, type_name: str, value: Any) -> Any:
         """Return a message of that type with a payload whose parts may be unknown. Raises
         MessageError if it does not fit."""
-        if is_unknown(value):
-            return self.unknown_message(type_name)
+        if not isinstance(value, dict) and self._has_unknown(value):
+            blank = self.unknown_message(type_name)
+            return value if value.__class__ is blank.__class__ else blank
         known, unknown = self._split(value)
         message = messages.create(type_name, known)
         for path in unknown:
@@ -299,8 +303,7 @@ class Values:
     def _split(self, value: Any, path: tuple[str, ...] = ()) -> tuple[Any, list[tuple[str, ...]]]:
         """The payload without its unknown fields, and the paths of these."""
         if not isinstance(value, dict):
-            unknown = self.number(value) == UNKNOWN or holds_unknown(value)
-            return (None, [path or ("data",)]) if unknown and value is not None else (value, [])
+            return (None, [path]) if self._has_unknown(value) else (value, [])
         known, unknown_paths = {}, list[tuple[str, ...]]()
         for name, item in value.items():
             inner, paths = self._split(item, (*path, str(name)))
@@ -308,6 +311,9 @@ class Values:
             if not paths or isinstance(item, dict):
                 known[name] = inner
         return known, unknown_paths
+
+    def _has_unknown(self, value: Any) -> bool:
+        return self.number(value) == UNKNOWN or holds_unknown(value)
 
 
 @lru_cache(maxsize=256)
@@ -339,8 +345,12 @@ def holds_unknown(value: Any) -> bool:
 
 
 def _set(message: Any, path: tuple[str, ...], value: Any) -> None:
-    *outer, last = path
-    for name in outer:
-        message = getattr(message, name)
-    if any(field.name == last for field in fields(message)):
-        object.__setattr__(message, last, value)
+    """Set a field, by names as in the definitions of types. Raises MessageError if there is no such field."""
+    for place, name in enumerate(path, 1):
+        attributes = {field.name: field.attribute for field in typesystem.definition(message.__msgtype__).fields}
+        if name not in attributes:
+            raise MessageError("there is no such field", type=message.__msgtype__, field=name)
+        if place == len(path):
+            object.__setattr__(message, attributes[name], value)
+        else:
+            message = getattr(message, attributes[name])
