@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from bpmn_text import document, process, properties
 from collaborations import text_of
 
 import fame
+from fame.bpmn.model.forms import FormField, unfit_value
 from fame.cli import main
 from fame.errors import ConfigError, MissionError
 from fame.log import Recording
@@ -416,9 +418,9 @@ BOUNDS = '<camunda:validation><camunda:constraint name="min" config="1"/></camun
 @pytest.mark.parametrize(
     ("field", "fits", "wrong", "right"),
     [
-        ('<camunda:formField id="bags" type="long"/>', [2, 2.0, None], ["two", 2.5, True, math.nan], "a whole number"),
+        ('<camunda:formField id="bags" type="long"/>', [2.0, 10**400, None], ["two", 2.5, True, math.nan], "a whole"),
         ('<camunda:formField id="bags" type="double"/>', [2.5], ["two", math.inf], "a number"),
-        (f'<camunda:formField id="bags" type="long">{BOUNDS}</camunda:formField>', [1], [0], "a whole number from 1"),
+        (f'<camunda:formField id="bags" type="long">{BOUNDS}</camunda:formField>', [1], [0], "a whole number of 1 or"),
         ('<camunda:formField id="bags" type="boolean"/>', [True], ["yes", 1], "true or false"),
         ('<camunda:formField id="bags" type="string"/>', ["two", 2], [], ""),
         ('<camunda:formField id="bags" type="enum"><camunda:value id="a" name="A"/></camunda:formField>', ["a"], ["b"],
@@ -440,6 +442,25 @@ def test_a_value_that_the_form_of_a_task_does_not_take_is_refused(
         else:
             with pytest.raises(ConfigError, match=re.escape(f"complete[0].values: ask: bags: expected {right}")):
                 Scenario.load(path)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "right"),
+    [
+        (FormField(kind="number", least=1, most=9), 10, "a number from 1 to 9"),
+        pytest.param(FormField(kind="number", most=9), 10**400, "a number of 9 or less", id="beyond every float"),
+        (FormField(kind="text", least=2, most=3), "four", "a text with a length from 2 to 3"),
+        (FormField(kind="textarea", least=2), "a", "a text with a length of 2 or more"),
+        (FormField(kind="text", required=True), "", "a value"),
+        (FormField(kind="text", least=2), "", ""),
+        (FormField(kind="text", least=2), 5, ""),
+    ],
+)
+def test_what_a_field_expects_is_said(field: FormField, value: object, right: str) -> None:
+    for key, values in (("bags", {"bags": value}), ("order.bags", {"order": {"bags": value}})):
+        text = unfit_value([replace(field, key=key)], values)
+        assert text.startswith(f"{key}: expected {right}, got ") if right else text == ""
+    assert unfit_value([replace(field, key="order.bags")], {"order": 3}) == ""
 
 
 def test_nor_does_a_running_robot_take_it(tmp_path: Path) -> None:

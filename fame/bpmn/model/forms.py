@@ -33,35 +33,54 @@ class FormField:
     default: Any = None
 
 
+_PLAIN = (bool, int, float, str, list, dict, type(None))
+"""Values of people; an exploration gives others, which are unknown."""
+
+
 def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
-    """Return what is wrong with the first value that does not fit its field in a form; empty if all fit."""
-    plain = (bool, int, float, str, list, dict, type(None))  # an exploration gives values that are unknown
+    """Return what is wrong with the first value that does not fit its field in a form; empty if all fit.
+
+    A field without a value is passed over, and so are patterns, which are of JavaScript, and the forms of dates.
+    """
     for field in form:
-        if (
-            isinstance(values.get(field.key), plain)
-            and field.key in values
-            and (right := _expected(field, values[field.key]))
-        ):
-            return f"{field.key}: expected {right}, got {values[field.key]!r}"
+        for value in _given(values, field.key):
+            expected = _expected(field, value) if isinstance(value, _PLAIN) else ""
+            if expected:
+                return f"{field.key}: expected {expected}, got {value!r}"
     return ""
+
+
+def _given(values: Mapping[str, Any], key: str) -> list[Any]:
+    """The value with a key, or with dots a part of one; empty if there is none."""
+    if key in values:
+        return [values[key]]
+    first, _, rest = key.partition(".")
+    inner = values.get(first)
+    return _given(inner, rest) if rest and isinstance(inner, Mapping) else []
 
 
 def _expected(field: FormField, value: Any) -> str:
     """What a field expects, if this is not it. A field for text takes what can be written."""
-    if value is None:
+    if value is None or (value == "" and field.kind in ("text", "textarea")):
         return "a value" if field.required else ""
     if field.kind in ("select", "radio") and field.options and value not in (each for each, _ in field.options):
         return f"one of {', '.join(str(each) for each, _ in field.options)}"
     if field.kind == "checkbox" and not isinstance(value, bool):
         return "true or false"
+    least, most = -math.inf if field.least is None else field.least, math.inf if field.most is None else field.most
     if field.kind in ("number", "integer"):
-        least = -math.inf if field.least is None else field.least
-        most = math.inf if field.most is None else field.most
-        known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        known = isinstance(value, int | float) and not isinstance(value, bool) and -math.inf < value < math.inf
         if not (known and least <= value <= most and (field.kind == "number" or value == int(value))):
-            bounds = f" from {least:g} to {most:g}" if math.isfinite(least) or math.isfinite(most) else ""
-            return f"a {'whole ' * (field.kind == 'integer')}number{bounds}"
+            return f"a {'whole ' * (field.kind == 'integer')}number{_bounds(least, most)}"
+    if field.kind in ("text", "textarea") and isinstance(value, str) and not least <= len(value) <= most:
+        return f"a text with a length{_bounds(least, most)}"
     return ""
+
+
+def _bounds(least: float, most: float) -> str:
+    if math.isfinite(least) and math.isfinite(most):
+        return f" from {least:g} to {most:g}"
+    return f" of {least:g} or more" if math.isfinite(least) else f" of {most:g} or less" if math.isfinite(most) else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
