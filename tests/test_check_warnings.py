@@ -465,6 +465,13 @@ def test_two_pools_that_do_the_same_are_a_note() -> None:
     expected = "Pool2: does the same as pool REX: use one multi-instance pool for such robots (G1)"
     assert expected in told(team(one, other), "note", guidelines=True)
     assert expected not in told(team(one, other.replace("y = x", "y = -x")), "note", guidelines=True)
+    field = '{"type": "select", "key": "k", "defaultValue": ["a"], "values": [{"label": "A", "value": ["a"]}]}'
+    form = f'<zeebe:userTaskForm id="f">{{"components": [{field}]}}</zeebe:userTaskForm>'
+    asked = '<zeebe:formDefinition formKey="camunda-forms:bpmn:f"/>'
+    asks = f'{extensions(form)}{row(f"""<userTask id="u">{extensions(asked)}</userTask>""")}'
+    assert expected in told(
+        team(asks, asks.replace('id="', 'id="o_').replace('Ref="', 'Ref="o_')), "note", guidelines=True
+    )
 
 
 GUARD = '<boundaryEvent id="w" attachedToRef="{}"><errorEventDefinition/></boundaryEvent>'

@@ -108,13 +108,13 @@ def _ordinals(process: Process) -> Mapping[str, str]:
 
 
 def _shape(value: Any, ids: Mapping[str, str]) -> Any:
-    """A comparable form of a process without ids, labels, lines, documentation and lanes."""
+    """A hashable form of a process without ids, labels, lines, documentation and lanes."""
     if isinstance(value, str):
         return ids.get(value, value)
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return tuple(_shape(item, ids) for item in value)
     if isinstance(value, Mapping):
-        return tuple(value.items())
+        return tuple((key, _shape(item, ids)) for key, item in value.items())
     if not is_dataclass(value):
         return value
     passed = {"line", "documentation", "lanes"} | ({"id", "name"} if isinstance(value, Element) else set())

@@ -132,7 +132,7 @@ def is_data(name: str, value: Any) -> bool:
 
 def own_copy(value: Any) -> Any:
     """Return a value that does not change when somebody else, who has it too, changes it in place."""
-    return deepcopy(value) if isinstance(value, list | dict | set) else value
+    return deepcopy(value) if isinstance(value, list | tuple | dict | set) else value
 
 
 Take = Callable[[dict[str, Any], Any], None]

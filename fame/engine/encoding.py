@@ -22,7 +22,15 @@ _KNOWN = frozenset({bool, int, str, type(None)})
 
 
 def encode(value: Any, dump: Convert = no_data) -> Any:
-    """Return a value as data for JSON. `dump` makes data of values of other types."""
+    """Return a value as data for JSON. `dump` makes data of values of other types, and may raise MissionError, as this
+    does for a value that is nested too deep."""
+    try:
+        return _encode(value, dump)
+    except RecursionError:
+        raise MissionError("a value cannot be kept in a snapshot: it is nested too deep") from None
+
+
+def _encode(value: Any, dump: Convert) -> Any:
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
     if isinstance(value, float):
@@ -30,15 +38,15 @@ def encode(value: Any, dump: Convert = no_data) -> Any:
     if isinstance(value, bytes):
         return {"$bytes": value.hex()}
     if isinstance(value, list):
-        return list(value) if _is_plain(value) else [encode(item, dump) for item in value]
+        return list(value) if _is_plain(value) else [_encode(item, dump) for item in value]
     if isinstance(value, tuple | set | frozenset):
         items = value if isinstance(value, tuple) else sorted_set(value)
-        return {f"${type(value).__name__}": [encode(item, dump) for item in items]}
+        return {f"${type(value).__name__}": [_encode(item, dump) for item in items]}
     if isinstance(value, dict):
         if all(isinstance(key, str) and not key.startswith("$") for key in value):
-            return {key: encode(item, dump) for key, item in value.items()}
-        return {"$dict": [[encode(key, dump), encode(item, dump)] for key, item in value.items()]}
-    return {"$object": encode(dump(value), dump)}
+            return {key: _encode(item, dump) for key, item in value.items()}
+        return {"$dict": [[_encode(key, dump), _encode(item, dump)] for key, item in value.items()]}
+    return {"$object": _encode(dump(value), dump)}
 
 
 def _is_plain(items: list[Any]) -> bool:

@@ -269,7 +269,7 @@ class _VariableTable:
             if len(content) > _LARGE:
                 bytearray(8 * len(content))  # raises MemoryError, where orjson would crash
             values[key] = encode(value, dump)
-        except (ValueError, MissionError, RecursionError):
+        except (ValueError, MissionError):
             try:
                 encoded = encode(value, dump)
                 content = json.dumps(encoded)
@@ -357,7 +357,7 @@ def instance_data(instance: Instance, program: Program) -> dict[str, Any]:
         if value.__class__ in _ATOMS and name[:2] != "__":
             values[name] = value
         elif is_data(name, value):
-            with suppress(MissionError, RecursionError):
+            with suppress(MissionError):
                 values[name] = encode(value, dump)
     error = instance.error
     return {

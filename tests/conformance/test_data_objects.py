@@ -22,7 +22,7 @@ from engine_models import (
     throw,
 )
 
-from fame.engine.data import match
+from fame.engine.data import match, own_copy
 from fame.middleware import messages
 
 READS = "<dataInputAssociation id='i{0}'><sourceRef>{1}</sourceRef></dataInputAssociation>"
@@ -109,3 +109,11 @@ def test_with_strict_it_is_an_error_of_the_activity(play: Play) -> None:
 def test_the_value_of_a_wrapper_goes_to_one_variable() -> None:
     value = messages.create("std_msgs/msg/Int32", {"data": 3})
     assert match(("data", "data_raw"), "count", value) == {"data": ("data",)}
+
+
+def test_a_copy_of_a_value_shares_nothing_that_can_change() -> None:
+    value = (1, [2], {"a": [3]})
+    copied = own_copy(value)
+    value[1].append(4)
+    value[2]["a"].append(5)
+    assert copied == (1, [2], {"a": [3]})

@@ -129,6 +129,17 @@ def test_a_value_that_is_no_data_is_named() -> None:
         snapshot(run.node.engine)
 
 
+@pytest.mark.parametrize("depth", [600, 5000])
+def test_a_value_that_is_nested_too_deep_is_named(depth: int) -> None:
+    deep: Any = 1
+    for _ in range(depth):
+        deep = [deep]
+    repeated = '<multiInstanceLoopCharacteristics camunda:collection="x" camunda:elementVariable="y"/>'
+    run = Run(start() + user("u", repeated) + path("s u"), {"x": [deep, 2]}).run()
+    with pytest.raises(MissionError, match="a value cannot be kept in a snapshot: it is nested too deep"):
+        snapshot(run.node.engine)
+
+
 def test_functions_classes_and_modules_stay_behind() -> None:
     run = Run(start() + script("a", "import json\ndef f(): pass\nx = 1") + user("u") + path("s a u")).run()
     assert snap(run)["variables"][0]["own"] == {"x": 1}
