@@ -61,6 +61,38 @@ def test_the_files_in_the_tree_are_what_the_command_writes(tmp_path: Path, capsy
         assert same, "run: fame templates -o models/templates"
 
 
+def test_own_types_and_topics_of_robots_have_templates_of_their_own() -> None:
+    robots = [("odom", "nav_msgs/msg/Odometry", True), ("cmd_vel", "geometry_msgs/msg/Twist", False)]
+    made = templates([], ["sensor_msgs/msg/Range"], robots)
+    own = {template["id"]: template for found in made.values() for template in found}
+    assert "radiation_type" in own["fame.publish.sensor_msgs.Range"]["properties"][1]["value"]
+    assert own["fame.receive"]["properties"][0]["choices"][0]["value"] == "sensor_msgs/msg/Range"
+    odometry = thrown(own["fame.robot.receive.odom.Odometry"], queue="2")
+    assert (odometry.type, odometry.qualified, odometry.queue) == ("nav_msgs/msg/Odometry", "~/done", 2)
+    speed = node_of(f'<intermediateThrowEvent id="e" name="cmd_vel">{applied(own["fame.robot.publish.cmd_vel.Twist"])}'
+                    "<signalEventDefinition/></intermediateThrowEvent>")  # fmt: skip
+    assert isinstance(speed, Event)
+    ((topic, throws),) = speed.topics()
+    assert throws
+    assert topic.payload is not None
+    assert "linear" in topic.payload.text
+
+
+@pytest.mark.parametrize(("what", "type"), [("service", "std_srvs/srv/Trigger"), ("action", "nav2_msgs/action/Wait")])
+def test_a_service_task_calls_what_its_template_says(what: str, type: str) -> None:
+    made = ALL[f"fame.{what}"]
+    node = node_of(f'<serviceTask id="e">{applied(made, **{what: "ask", "type": type, "payload": ""})}</serviceTask>')
+    assert node.service is not None
+    assert (node.service.name, node.service.type) == ("ask", type)
+
+
+def test_the_command_takes_message_types_of_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "herd_msgs" / "msg").mkdir(parents=True)
+    (tmp_path / "herd_msgs" / "msg" / "Cow.msg").write_text("float64 weight\n")
+    assert main(["templates", "-o", str(tmp_path / "made"), "--types", str(tmp_path / "herd_msgs")]) == 0
+    assert "fame.publish.herd_msgs.Cow" in (tmp_path / "made" / "publish.json").read_text()
+
+
 def test_every_template_has_what_the_schema_asks_for() -> None:
     assert len(ALL) == sum(len(found) for found in MADE.values())
     for template in ALL.values():

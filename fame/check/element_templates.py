@@ -2,14 +2,15 @@
 
 They follow the schema of Camunda 7. A template sets `camunda:property` entries, as a person would by hand, so a model
 that was made with templates is read like any other. `templates` gives the files: what to publish, what to receive, data
-objects, calls, and properties of the team. Each template shows the other entries of the properties panel too, since a
-signal is chosen there.
+objects, calls, services, properties of the team, and topics of the robots of a world. Each template shows the other
+entries of the properties panel too, since a signal is chosen there.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from fame.bpmn.reader.dialects.extensions import QOS_CHOICES
@@ -48,16 +49,29 @@ AT_ONCE = ("bpmn:StartEvent", "bpmn:BoundaryEvent", *THROWS)
 _QOS = "qos"
 
 
-def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
-    """Return the templates by the name of their file, without its ending."""
+def templates(
+    behaviours: Iterable[Behaviour], types: Iterable[str] = (), robots: Iterable[tuple[str, str, bool]] = ()
+) -> dict[str, list[Template]]:
+    """Return the templates by the name of their file, without its ending.
+
+    `types`: message types of the project. `robots`: topics of robots, with type, and whether the robot publishes it.
+    """
     known = list({one.name: one for one in behaviours}.values())
+    own = [*dict.fromkeys((*types, *COMMON))]
+    bodies = {"robots": [_of_robot(*one) for one in sorted({*robots})]}
     return {
-        "publish": [_publish(), _send(), *map(_publish_type, COMMON)],
-        "receive": [_receive(), _correlate()],
-        "data": [*map(_inputs, filter(lambda one: one.inputs, known)), *map(_fields, filter(fields_of, COMMON))],
+        "publish": [_publish(own), _send(own), *map(_publish_type, own)],
+        "receive": [_receive(own), _correlate(own)],
+        "data": [*map(_inputs, filter(lambda one: one.inputs, known)), *map(_fields, filter(fields_of, own))],
         "library": [_call(one) for one in known],
+        "services": [_ask("service", "srv", "Request"), _ask("action", "action", "Goal")],
         "properties": [_deadline(), _requirement(), _annotation()],
-    }
+    } | (bodies if bodies["robots"] else {})
+
+
+def message_types(folders: Iterable[Path]) -> list[str]:
+    """Register the types of some folders, and return those of messages."""
+    return [name for folder in folders for name in messages.register_files(folder) if "/msg/" in name]
 
 
 def write(templates: Sequence[Template]) -> str:
@@ -93,20 +107,20 @@ def _annotation() -> Template:
 # ---- topics ----------------------------------------------------------------------------------------------------------
 
 
-def _publish() -> Template:
+def _publish(own: Sequence[str]) -> Template:
     payload = _text("payload", "Payload", "YAML or JSON with ${variables}; nothing sends a message of defaults")
     payload["placeholder"] = "{x: ${x_weed}, y: ${y_weed}}"
     text = "Throws a signal as a message on the topic of its name."
     return _template(
-        "publish", "ROS 2 publish", text, THROWS, [_types(), payload, _scope(), *_delivery(), *_qos()], qos=True
+        "publish", "ROS 2 publish", text, THROWS, [_types(own), payload, _scope(), *_delivery(), *_qos()], qos=True
     )
 
 
-def _send() -> Template:
+def _send(own: Sequence[str]) -> Template:
     payload = _text("payload", "Payload", "YAML or JSON with ${variables}; nothing sends a message of defaults")
     to = _text("to", "To", "the robot that receives it, as ${closest} or Tractor_${n}; nothing: all robots")
     text = "Sends a BPMN message: to one robot, or to each instance whose correlation keys fit."
-    fields = [_types(), payload, to, *_delivery(), *_qos()]
+    fields = [_types(own), payload, to, *_delivery(), *_qos()]
     return _template("send", "ROS 2 send message", text, ("bpmn:SendTask", *THROWS), fields, qos=True)
 
 
@@ -122,16 +136,16 @@ def _publish_type(type: str) -> Template:
     )
 
 
-def _receive() -> Template:
+def _receive(own: Sequence[str]) -> Template:
     text = "Catches a message on the topic of the signal's name. The fields go to the data object that it points to."
-    return _template("receive", "ROS 2 receive", text, RECEIVES, [_types(), _queue(), _scope(), *_qos()], qos=True)
+    return _template("receive", "ROS 2 receive", text, RECEIVES, [_types(own), _queue(), _scope(), *_qos()], qos=True)
 
 
-def _correlate() -> Template:
+def _correlate(own: Sequence[str]) -> Template:
     key = _text("correlate", "Correlate by", "variables that the message must match, as order_id or order_id = number")
     text = "Receives only the message whose field has the value of the variable: the answer to this robot's own order."
     return _template(
-        "correlate", "ROS 2 receive correlated message", text, RECEIVES, [_types(), key, _queue(), *_qos()], qos=True
+        "correlate", "ROS 2 receive correlated message", text, RECEIVES, [_types(own), key, _queue(), *_qos()], qos=True
     )
 
 
@@ -140,10 +154,32 @@ def _queue() -> Template:
     return queue | {"constraints": {"pattern": {"value": r"\d*", "message": "a whole number"}}}
 
 
-def _types() -> Template:
+def _types(own: Sequence[str]) -> Template:
     names = [name for name in messages.types() if name.split("/")[:2] in [[package, "msg"] for package in PACKAGES]]
-    ordered = [*COMMON, *(name for name in names if name not in COMMON)]
-    return _property("type", "Dropdown", COMMON[0], label="Message type") | {"choices": _choices(ordered)}
+    ordered = [*own, *(name for name in names if name not in own)]
+    return _property("type", "Dropdown", ordered[0], label="Message type") | {"choices": _choices(ordered)}
+
+
+def _of_robot(topic: str, type: str, publishes: bool) -> Template:
+    """What a robot of the world publishes is received, what it obeys is published; by its own robot only."""
+    fixed = [_property("type", "Hidden", type), _property("scope", "Hidden", "robot")]
+    payload = _text("payload", "Payload", "a ${variable} may stand for any value") | {"value": payload_of(type)}
+    verb, where, more = ("Receive", RECEIVES, _queue()) if publishes else ("Publish", THROWS, payload)
+    text = f"A {type} on the topic {topic} of the robot: give its signal this name."
+    id, name = f"robot.{verb.lower()}.{topic}.{_short(type)}", f"{verb} {topic} of the robot ({_short(type)})"
+    return _template(id, name, text, where, [*fixed, more])
+
+
+def _ask(what: str, kind: str, part: str) -> Template:
+    """A service or an action that a service task calls."""
+    fields = [
+        _text(what, f"Name of the {what}", "relative to the robot, unless it begins with /"),
+        _text("type", "Type", f"package/{kind}/Name"),
+        _text("payload", part, "YAML or JSON with ${variables}"),
+    ]
+    text = f"Calls a ROS 2 {what}, and waits for its result."
+    made = _template(what, f"ROS 2 {what}", text, ("bpmn:Task", "bpmn:ServiceTask"), fields)
+    return made | {"elementType": {"value": "bpmn:ServiceTask"}}
 
 
 def _delivery() -> Iterator[Template]:

@@ -308,10 +308,10 @@ def add_templates(commands: Commands) -> None:
 
 def run_templates(arguments: Namespace) -> int:
     """Write the files and name them."""
-    from fame.check.element_templates import templates, write
+    from fame.check.element_templates import message_types, templates, write
     from fame.check.library import behaviours
 
     if arguments.output.exists() and not arguments.output.is_dir():
         raise ConfigError("expected a folder, got a file", file=str(arguments.output))
-    made = templates(behaviours(arguments.library))
+    made = templates(behaviours(arguments.library), message_types(arguments.types))
     return _write(arguments, {name: (f"{name}.json", write(made[name]).encode()) for name in made})
