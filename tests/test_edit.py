@@ -268,6 +268,12 @@ def test_a_scenario_is_edited_by_its_model() -> None:
         assert source.model.resolve() == ROOT / "models" / "agriculture.bpmn"
 
 
+def test_a_scenario_brings_templates_for_its_robots() -> None:
+    with ModelEdit(ROOT / "examples" / "agriculture.yaml", ROOT) as source:
+        names = {one["name"] for one in source.mission()["templates"]}
+    assert {"Receive odom of the robot (Odometry)", "Publish cmd_vel of the robot (Twist)", "ROS 2 action"} <= names
+
+
 def test_camunda_8_gets_its_own_modeler(model: Path, tmp_path: Path) -> None:
     model.write_text(OLD.replace("<script>", "<extensionElements><zeebe:taskHeaders/></extensionElements><script>"))
     with ModelEdit(model, tmp_path) as source:
@@ -570,6 +576,31 @@ def test_what_may_go_wrong_is_found_in_the_background_and_plays_on_the_diagram(
             "edit.modeler.get('modeling').updateProperties(edit.modeler.get('elementRegistry').get('s1'), {name: 'go'})"
         )
         until(page, "document.querySelector('#steps').hidden && !document.querySelector('.play')")
+
+
+def test_what_is_typed_is_completed_from_the_scenario(
+    chromium: Browser, library: Path, model: Path, tmp_path: Path
+) -> None:
+    subject = tmp_path / "day.yaml"
+    subject.write_text("model: m.bpmn\nworld: {size: [4, 4], robots: {P: {type: car, at: [1, 1]}}}\n")
+    with ModelEdit(subject, library) as source, Server(source) as server, opened(chromium, server) as page:
+        shape(page, "t").click()
+        page.locator(".bio-properties-panel-group-header-title", has_text="Script").click()
+        page.locator("#bio-properties-panel-scriptValue").click()
+        page.keyboard.press("Control+a")
+        page.keyboard.type("last = robot.la")
+        page.locator("#words button", has_text="latest").wait_for()
+        page.keyboard.press("Enter")
+        page.keyboard.type("('od")
+        page.locator("#words button", has_text="nav_msgs/msg/Odometry").wait_for()
+        if folder := os.environ.get("FAME_SHOTS"):
+            page.screenshot(path=Path(folder) / "edit_completion.png")
+        page.keyboard.press("Tab")
+        page.keyboard.type("'); b")
+        page.locator("#words button", has_text="b").first.wait_for()
+        page.keyboard.press("Escape")
+        until(page, "document.querySelector('#words').hidden")
+        until(page, "edit.drawn.includes(\"last = robot.latest('odom'); b<\")")
 
 
 @pytest.mark.parametrize("cloud", [False, True], ids=["camunda-7", "camunda-8"])

@@ -16,22 +16,24 @@ from functools import partial
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from fame.bpmn.difference import ORDER, ElementChange
 from fame.bpmn.reader import read_bytes, read_text
 from fame.bpmn.reader.xml import CAMUNDA, ZEEBE, parse, read_file
 from fame.check import Finding, check
-from fame.check.element_templates import templates
+from fame.check.element_templates import message_types, templates
 from fame.check.library import behaviours
 from fame.check.scope import of_error
 from fame.config.loader import read_document
 from fame.edit.changes import Root, compare, lines
+from fame.edit.completion import Completer, RobotTopics, robot_topics
 from fame.edit.exploring import Explorer
 from fame.edit.writer import decoded, save_bytes
 from fame.errors import ConfigError, FameError, ModelError
 from fame.rooms import ADD_DIAGRAM, load
-from fame.scenario.plan import known_to_check
+from fame.scenario.plan import ScenarioFile, known_to_check
+from fame.scenario.scenario import world_topics
 from fame.text import unreadable, write_file
 from fame.view.watch import ModelWatch
 
@@ -80,9 +82,11 @@ class ModelEdit(ModelWatch):
 
     def __init__(self, subject: Path, modeler: Path, library: Sequence[Path] = (), types: Sequence[Path] = ()) -> None:
         self.model = model_of(subject)
-        self._modeler = modeler
+        self._modeler, self._types = modeler, tuple(types)
         self._lock = threading.Lock()
         self._bases = dict[str, _Base]()
+        self._completers = dict[str, Completer]()
+        self._robots: tuple[ScenarioFile | None, RobotTopics] = (None, {})
         self._drawn = (b"", b"")  # what was shown last: the file, and that with a diagram
         if self.model.suffix.lower() not in (".bpmn", ".xml"):
             raise ConfigError(f"expected MODEL.bpmn or SCENARIO.yaml, got {self.model.name!r}", file=str(subject))
@@ -124,14 +128,13 @@ class ModelEdit(ModelWatch):
         """Everything that the page needs first: the model, and templates for its elements."""
         content = self._content()
         cloud = _is_camunda8(content, str(self.model))
-        made = templates(behaviours(self._folders)) if not cloud else {}
         return {
             "kind": "edit",
             "title": self.model.name,
             "text": decoded(self._shown(content), str(self.model))[0],
             "hash": _hash(content),
             "modeler": "camunda-cloud" if cloud else "camunda-platform",
-            "templates": [one for some in made.values() for one in some],
+            "templates": [] if cloud else self._templates(),
             "control": ["save", "check", "compare", "explore"],
             "robots": [],
         }
@@ -142,8 +145,8 @@ class ModelEdit(ModelWatch):
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         """``open``: say what the editor writes of the file. Then ``check`` what is drawn, ``explore`` it until the same
-        `window` checks or explores again, ``save`` it, if the file is as the page has it, or ``compare`` it with the
-        file. Raises FameError.
+        `window` checks or explores again, ``complete`` what somebody types there, ``save`` it, if the file is as the
+        page has it, or ``compare`` it with the file. Raises FameError.
         """
         acts: Mapping[str, _Act] = {
             "check": self._checked,
@@ -155,13 +158,16 @@ class ModelEdit(ModelWatch):
         if command.get("do") == "open" and isinstance(base, str):
             with self._lock:
                 return self._opened(command, base)
+        if command.get("do") == "complete":
+            with self._lock:
+                return self._completed(command)
         if act is None or not isinstance(new, str):
             raise FameError("expected open with a base, or another command with what is drawn")
         with self._lock:
-            begun = self._bases.pop(str(base), None)
+            begun = self._bases.get(str(base))
             if begun is None:
                 raise FameError("it is not known what was opened: load the page again")
-            self._bases[str(base)] = begun  # the one used last
+            _keep(self._bases, str(base), begun, self.windows)
             content = self._content()
             shown = self._shown(content)
             written = save_bytes(shown, begun.text, new, file=str(self.model))
@@ -182,24 +188,55 @@ class ModelEdit(ModelWatch):
     def _kept(self, base: str, hash: str) -> str:
         """Keep a base, and return its name."""
         name = _hash(base.encode() + hash.encode())
-        self._bases.pop(name, None)
-        self._bases[name] = _Base(base, hash)
-        while len(self._bases) > self.windows:
-            del self._bases[next(iter(self._bases))]
+        _keep(self._bases, name, _Base(base, hash), self.windows)
         return name
 
     def _checked(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
-        self._explorer.stop(str(command.get("window")))
-        return {"findings": [asdict(one) for one in self._findings(new)]}
+        window = str(command.get("window"))
+        self._explorer.stop(window)
+        return {"findings": [asdict(one) for one in self._findings(new, window)]}
 
     def _explored(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Callable[[], Mapping[str, Any]]:
         return partial(self._explorer.explore, str(command.get("window")), new)  # without the lock: it takes long
 
-    def _findings(self, content: bytes) -> list[Finding]:
+    def _completed(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What fits behind the text before the caret in a field of an element, in what the window has checked last."""
+        completer = self._completers.get(str(command.get("window")))
+        asked = [str(command.get(name, "")) for name in ("element", "field", "before")]
+        return asdict(completer.complete(*asked)) if completer is not None else {"length": 0, "words": []}
+
+    def _robot_topics(self) -> RobotTopics:
+        """The topics of the robots of the scenario as it is now, and whether the robot publishes them."""
+        content = self._now.scenario
+        if self._robots[0] is not content:
+            found: RobotTopics = {}
+            if content is not None and content.world is not None:
+                with suppress(FameError):  # which is a finding of the scenario
+                    names = [one.name for one in content.world.robots]
+                    found = robot_topics(world_topics(content.world, content.seed), names)
+            self._robots = content, found
+        return self._robots[1]
+
+    def _templates(self) -> list[Mapping[str, Any]]:
+        """Templates for what the project has."""
+        content = self._now.scenario
+        folders, types = (content.library, content.types) if content is not None else ((), ())
+        robots = {
+            (topic, type, publishes)
+            for robot, its in self._robot_topics().items()
+            for topic, (type, publishes) in its.items()
+            if robot
+        }
+        made = templates(behaviours([*self._folders, *folders]), message_types([*self._types, *types]), robots)
+        return [one for some in made.values() for one in some]
+
+    def _findings(self, content: bytes, window: str) -> list[Finding]:
         """The findings of what is drawn, those of the file alone."""
         try:
             model, now = read_bytes(content, file=str(self.model)), self._now
             given = known_to_check(now.scenario, model) if now.scenario is not None else {}
+            completer = Completer(model, now.library, self._robot_topics, given.get("given", {}))
+            _keep(self._completers, window, completer, self.windows)
             found = check(model, library=now.library, **given)
         except ModelError as error:
             found = [of_error(error)]
@@ -227,6 +264,7 @@ class ModelEdit(ModelWatch):
         return {"lines": said, "hash": _hash(old), "text": decoded(old, file)[0], "merged": decoded(new, file)[0]}
 
 
+_Value = TypeVar("_Value")
 _Found = Mapping[str, Any]
 _Act = Callable[[Mapping[str, Any], bytes, bytes], _Found | Callable[[], _Found]]
 """What a command does with the file as it is, and with what is drawn; or what is still to be done."""
@@ -240,6 +278,14 @@ class _Base(NamedTuple):
 
 
 _PAGE = files("fame.edit") / "page"
+
+
+def _keep(those: dict[str, _Value], name: str, value: _Value, most: int) -> None:
+    """Add a value, or use it again; of more than `most` those that were used longest ago are forgotten."""
+    those.pop(name, None)
+    those[name] = value
+    while len(those) > most:
+        del those[next(iter(those))]
 
 
 def _is_new(change: ElementChange) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from datetime import datetime
 from numbers import Integral, Real
@@ -20,9 +20,11 @@ from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_
 from fame.check.scope import Finding, find_scope, of_error
 from fame.check.service_topics import served_topics
 from fame.check.value_kinds import Sample, kind_of
+from fame.clock import Scheduler
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
-from fame.middleware.interface import resolve
+from fame.middleware.interface import TopicInfo, resolve
+from fame.middleware.local import LocalMiddleware
 from fame.robot import Event, make_mission
 from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result, mistyped_topics
@@ -382,6 +384,18 @@ def scenario_findings(
         )
         for monitor, why in never
     ] + unmatched
+
+
+def world_topics(world: WorldConfig | None, seed: int = 0) -> list[TopicInfo]:
+    """Return the topics of the robots of a world. Raises ConfigError and UnavailableError if it cannot be built."""
+    if world is None:
+        return []
+    from sim2d.world import World
+
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    with closing(World(world, seed=seed, scheduler=scheduler, middleware=middleware)):
+        return list(middleware.graph())
 
 
 def _unmatched_topics(run: Run) -> Iterator[str]:

@@ -1,5 +1,6 @@
 // The page that edits a model: the library that draws, what is found in the model while it is drawn, and its file.
 
+import { Completion } from "./complete.js";
 import { byId, h, icon, messageOf } from "./dom.js";
 import { Exploring } from "./explore.js";
 import { mend } from "./fixes.js";
@@ -51,6 +52,7 @@ class Edit {
     this.modeler.on("commandStack.changed", () => this.changed());
     new ResizeObserver(() => this.ready && this.modeler.get("canvas").resized()).observe(byId("canvas"));
     this.tools();
+    this.completion = new Completion(this);
     await this.open(this.mission.text, this.mission.hash);
     source.listen(this);
   }

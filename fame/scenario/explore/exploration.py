@@ -13,14 +13,12 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool, assign_pools, pools_of, robot_names
 from fame.check.explore import Exploration, Request, explore_from, explore_team
-from fame.clock import Scheduler
 from fame.errors import ConfigError, FameError, expect
-from fame.middleware.local import LocalMiddleware
 from fame.properties.diagram import drawn_properties
 from fame.properties.files import beside
 from fame.properties.sentence import Property
 from fame.scenario.explore.run import with_run
-from fame.scenario.scenario import Scenario
+from fame.scenario.scenario import Scenario, world_topics
 
 if TYPE_CHECKING:
     from fame.deploy.migration import Foreseen
@@ -109,16 +107,7 @@ def _said(definitions: Definitions, library: Library, cast: Mapping[str, Pool]) 
 def _sources(scenario: Scenario) -> frozenset[str]:
     """The topics on which the signals and the simulated robots of a scenario publish. Raises ConfigError."""
     given = {one.topic for one in scenario.signals}
-    if scenario.world is None:
-        return frozenset(given)
-    from sim2d.world import World
-
-    scheduler = Scheduler()
-    middleware = LocalMiddleware(scheduler)
-    world = World(scenario.world, seed=scenario.seed, scheduler=scheduler, middleware=middleware)
-    given.update(topic.name for topic in middleware.graph() if topic.publishers)
-    world.close()
-    return frozenset(given)
+    return frozenset(given | {one.name for one in world_topics(scenario.world, scenario.seed) if one.publishers})
 
 
 def _is_scenario(model: str | Path | Definitions | Scenario) -> TypeGuard[str | Path]:
