@@ -27,7 +27,7 @@ from fame.imports import PURPOSES
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration
-from fame.monitor.pipeline.train import Training
+from fame.monitor.pipeline.training_settings import Training
 from fame.rooms import COMMANDS, PROCESSORS, ROOMS, load
 from fame.scenario import plan, variation
 from fame.scenario.settings import NETWORK_KEYS

@@ -14,7 +14,7 @@ from fame.middleware.interface import SIGNAL
 from fame.monitor.pipeline.configuration import INPUT, Configuration, load
 from fame.monitor.pipeline.fields import UnusableMessage, reader, writer
 from fame.monitor.pipeline.processors import assign, find_class, make_processors
-from fame.monitor.pipeline.train import training_of
+from fame.monitor.pipeline.training_settings import training_of
 from fame.rooms import PROCESSORS
 
 PUBLISHED = """\

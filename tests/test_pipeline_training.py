@@ -19,8 +19,9 @@ from fame.monitor.pipeline.filters import LowPass
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import run
 from fame.monitor.pipeline.threshold import Threshold
-from fame.monitor.pipeline.train import Training, fit, train, training_of
+from fame.monitor.pipeline.train import Training, fit, train
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.pipeline.training_settings import training_of
 from fame.version import current as fame_version
 
 JOINTS = ("shoulder", "elbow", "wrist")

@@ -20,8 +20,8 @@ from fame.errors import ConfigError
 from fame.monitor.data_files import Special, read_labelled_runs, read_runs
 from fame.monitor.pipeline import train as training
 from fame.monitor.pipeline.compare import suited
-from fame.monitor.pipeline.train import Training, training_of
 from fame.monitor.pipeline.training_checks import warnings_of
+from fame.monitor.pipeline.training_settings import Training, training_of
 
 RATE, LENGTH, CYCLES = 20.0, 120, 8
 BEGIN = datetime(2026, 1, 31, 12, tzinfo=UTC)

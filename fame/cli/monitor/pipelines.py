@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from fame.cli.arguments import (
     ROWS,
     Commands,
+    Parser,
     add_json,
     add_rows,
     add_time_unit,
@@ -258,6 +259,34 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         "configuration", type=Path, nargs="?", metavar="CONFIG.yaml", help="a configuration with the section Training"
     )
+    _add_training_runs(parser)
+    parser.add_argument("--window", type=int, metavar="N", help="samples of a window (default: 50)")
+    parser.add_argument("--stride", type=int, metavar="N", help="samples from one window to the next (default: 5)")
+    parser.add_argument(
+        "--detector", metavar="NAME",
+        help="phase, 'any of pca, knn', sklearn.ensemble.IsolationForest ... instead of the configuration's Detector; "
+        "without either, the best of some, by a comparison on left-out runs (mahalanobis for fewer than 5 runs)",
+    )  # fmt: skip
+    parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="MODEL.skops", help="file to write, instead of the configuration's Model"
+    )
+    parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="deprecated: fame monitor export writes ONNX")
+    parser.add_argument("--onnx-single", action="store_true", help="deprecated: fame monitor export --single")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the loss of each run, with the thresholds")
+    parser.add_argument("--compare", action="store_true", help="compare all detectors on these runs, and use the best")
+    parser.add_argument(
+        "--check", action="store_true", help="only check that the stored model was trained on these data"
+    )
+    parser.add_argument(
+        "--keep", action="store_true",
+        help="train also if runs are unlike the others (left-out loss, movement, duration); leave out copies of runs",
+    )  # fmt: skip
+    add_json(parser)
+
+
+def _add_training_runs(parser: Parser) -> None:
+    """Add what is read of which files."""
     parser.add_argument(
         "--data", type=Path, nargs="+", default=[], metavar="FILE",
         help="runs as CSV or Parquet files, with --config also bags, MCAP files and recordings of FAME, each a run",
@@ -283,29 +312,6 @@ def add_train(commands: Commands) -> None:
         help="columns that are no channels, such as texts; and runs, as 'run 7', or by the name of their file",
     )  # fmt: skip
     add_rows(parser)
-    parser.add_argument("--window", type=int, metavar="N", help="samples of a window (default: 50)")
-    parser.add_argument("--stride", type=int, metavar="N", help="samples from one window to the next (default: 5)")
-    parser.add_argument(
-        "--detector", metavar="NAME",
-        help="phase, 'any of pca, knn', sklearn.ensemble.IsolationForest ... instead of the configuration's Detector; "
-        "without either, the best of some, by a comparison on left-out runs (mahalanobis for fewer than 5 runs)",
-    )  # fmt: skip
-    parser.add_argument("--false-alarms", metavar="RATE", help="rate to promise, as '0.05 per run'")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="MODEL.skops", help="file to write, instead of the configuration's Model"
-    )
-    parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="deprecated: fame monitor export writes ONNX")
-    parser.add_argument("--onnx-single", action="store_true", help="deprecated: fame monitor export --single")
-    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the loss of each run, with the thresholds")
-    parser.add_argument("--compare", action="store_true", help="compare all detectors on these runs, and use the best")
-    parser.add_argument(
-        "--check", action="store_true", help="only check that the stored model was trained on these data"
-    )
-    parser.add_argument(
-        "--keep", action="store_true",
-        help="train also if runs are unlike the others (left-out loss, movement, duration); leave out copies of runs",
-    )  # fmt: skip
-    add_json(parser)
 
 
 def run_train(arguments: Namespace) -> int:
@@ -344,55 +350,66 @@ def store_trained(arguments: Namespace, training: Training, file: str, files: Se
     what was left out of them."""
     from fame.cli.monitor.export import export
     from fame.monitor.data_files import hash_files, read_labelled_runs
-    from fame.monitor.model_card import origin_of, write_card
-    from fame.monitor.pipeline.compare import ALL
-    from fame.monitor.pipeline.train import train
     from fame.monitor.pipeline.trained_model import TrainedModel
     from fame.monitor.pipeline.training_checks import warnings_of
 
     path = arguments.output or Path(training.model)
-    compared: list[dict[str, Any]] = []
     if arguments.check:
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(files))
     else:
         for output in filter(None, (path, arguments.onnx)):
             writable(output)
-        with progress_line(sys.stderr) as line:
-            progress: Callable[[str], object] = line.write if line is not None else print
-            asked = ALL if arguments.compare else ()
-            model = train(
-                replace(training, model=str(path)),
-                report=progress,
-                keep=arguments.keep,
-                complete=complete,
-                detectors=asked,
-            )
-        compared = model.conditions.get("compared", [])
-        if compared and not arguments.json:
-            print(_comparison(compared))
-        if not (arguments.keep or training.keep):
-            _refuse_doubtful(model, file, training, path)
-        paths = [str(Path(each).resolve()) for each in files]
-        named = {
-            "files": [Path(each).name for each in files],
-            "paths": paths,
-            "failed": _failed(files),
-            **origin_of(path),
-        }
-        model = replace(model, data=hash_files(files), conditions={**model.conditions, **named})
-        model.save(path)
-        write_card(model, path)
+        model = _store(_trained_model(arguments, training, file, path, complete), files, path)
     if arguments.onnx is not None:
         runs = [run.samples for run in read_labelled_runs(training.files, model.columns, training.special)]
         export(model, runs, arguments.onnx, single=arguments.onnx_single)
-    warnings = warnings_of(model)
     if arguments.plots is not None:
         _plot_training(arguments.plots, model, training)
     if arguments.json:
+        compared = [] if arguments.check else model.conditions.get("compared", [])
         comparison = {"compared": compared} if compared else {}
-        print_json(_trained(path, model, replace(training, files=tuple(files)), warnings) | comparison)
-        return 0
-    for text in warnings:
+        print_json(_trained(path, model, replace(training, files=tuple(files)), warnings_of(model)) | comparison)
+    else:
+        _print_trained(path, model)
+    return 0
+
+
+def _trained_model(arguments: Namespace, training: Training, file: str, path: Path, complete: Complete) -> TrainedModel:
+    """Train, and print the comparison if there is one. Raises ConfigError, also for a doubtful model."""
+    from fame.monitor.pipeline.compare import ALL
+    from fame.monitor.pipeline.train import train
+
+    with progress_line(sys.stderr) as line:
+        progress: Callable[[str], object] = line.write if line is not None else print
+        asked = ALL if arguments.compare else ()
+        config, keep = replace(training, model=str(path)), arguments.keep
+        model = train(config, report=progress, keep=keep, complete=complete, detectors=asked)
+    if (compared := model.conditions.get("compared", [])) and not arguments.json:
+        print(_comparison(compared))
+    if not (arguments.keep or training.keep):
+        _refuse_doubtful(model, file, training, path)
+    return model
+
+
+def _store(model: TrainedModel, files: Sequence[str], path: Path) -> TrainedModel:
+    """Store a model of some files, with its card. Returns it with what is said of these."""
+    from fame.monitor.data_files import hash_files
+    from fame.monitor.model_card import origin_of, write_card
+
+    named = {
+        "files": [Path(each).name for each in files], "paths": [str(Path(each).resolve()) for each in files],
+        "failed": _failed(files), **origin_of(path),
+    }  # fmt: skip
+    model = replace(model, data=hash_files(files), conditions={**model.conditions, **named})
+    model.save(path)
+    write_card(model, path)
+    return model
+
+
+def _print_trained(path: Path, model: TrainedModel) -> None:
+    from fame.monitor.pipeline.training_checks import warnings_of
+
+    for text in warnings_of(model):
         note(f"warning: {text}")
     kinds = ("training_mean", "training_max", "validation_max")
     figures = zip(*(model.metrics[kind] for kind in kinds), model.thresholds, strict=True)
@@ -401,14 +418,13 @@ def store_trained(arguments: Namespace, training: Training, file: str, files: Se
     promise = model.calibration.text if model.calibration is not None else "no promise"
     print(f"\n{path}: {_detector_text(model)}, windows of {model.window} samples at {model.rate:.4g} Hz, "
           f"data {model.data[:12]}\nfalse alarms: {promise}")  # fmt: skip
-    return 0
 
 
 def _training(arguments: Namespace) -> tuple[Training, str]:
     """Return the settings of a configuration or of options, and the file that errors name. Raises ConfigError."""
     from fame.monitor.data_files import is_bag
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.train import Training, training_of
+    from fame.monitor.pipeline.training_settings import Training, training_of
 
     if (arguments.configuration is None) == (not arguments.data):
         raise ConfigError("expected a configuration with the section Training, or --data FILE")

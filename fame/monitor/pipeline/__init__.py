@@ -15,7 +15,8 @@ Models::
     detectors      kinds of detectors: autoencoders, PCA, nearest neighbours ...; phases: the one that knows time;
                    other_estimators: those of scikit-learn and PyOD
     elements       the time axis of elements of a mission; band: what the training runs did over it
-    train          `fame monitor train`; compare: `fame monitor train --compare`; training_checks: its warnings
+    train          `fame monitor train`; training_settings: its settings; training_checks: its warnings; compare: its
+                   option `--compare`
 
 Nodes::
 

@@ -35,7 +35,7 @@ from fame.monitor.pipeline.other_estimators import EstimatorDetector, estimator_
 from fame.monitor.pipeline.phases import Phases, reduced, refuse_large
 
 if TYPE_CHECKING:
-    from fame.monitor.pipeline.train import Training
+    from fame.monitor.pipeline.training_settings import Training
 
 ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
 _TINY = 1e-12

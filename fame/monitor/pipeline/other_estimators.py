@@ -19,7 +19,7 @@ from fame.imports import require
 from fame.monitor.arrays import Floats
 
 if TYPE_CHECKING:
-    from fame.monitor.pipeline.train import Training
+    from fame.monitor.pipeline.training_settings import Training
 
 _TINY = 1e-12
 _MOST = 1e9

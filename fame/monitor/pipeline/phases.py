@@ -27,7 +27,7 @@ from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
 
 if TYPE_CHECKING:
-    from fame.monitor.pipeline.train import Training
+    from fame.monitor.pipeline.training_settings import Training
 
 POINTS = 10
 """Values per channel that a window is reduced to, by means of equal parts, where windows are compared to each other."""

@@ -93,7 +93,7 @@ def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> No
     """Compare models with the data that they were trained on, if these are present. Raises ConfigError, also for a
     section Training that does not tell which data and model these are."""
     from fame.monitor.data_files import hash_files
-    from fame.monitor.pipeline.train import data_and_model
+    from fame.monitor.pipeline.training_settings import data_and_model
 
     models = [(each.model, each.trained) for each in processors if getattr(each, "trained", None) is not None]
     if not models or configuration.training is None:

@@ -8,51 +8,31 @@ one per run and channel, into thresholds. The detector that is stored learned fr
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from glob import glob
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fame.config.values import ConfigValue
-from fame.dataclasses import asdict, dataclass, field, replace
+from fame.dataclasses import asdict, replace
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, independent, read_false_alarms
+from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, independent
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
-from fame.monitor.data_files import (
-    ELEMENT,
-    TIME_UNITS,
-    LabelledRun,
-    Special,
-    hash_files,
-    rate_of,
-    read_labelled_runs,
-    run_names,
-)
+from fame.monitor.data_files import LabelledRun, hash_files, rate_of, read_labelled_runs, run_names
 from fame.monitor.labels import with_labels
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
-from fame.monitor.pipeline.cycles import WITHIN, found_of, phases_of
-from fame.monitor.pipeline.detectors import (
-    ACTIVATIONS,
-    RULES,
-    ChannelAutoencoders,
-    detector_names,
-    draw_lot,
-    fit_detector,
-    is_class,
-)
+from fame.monitor.pipeline.cycles import found_of, phases_of
+from fame.monitor.pipeline.detectors import RULES, detector_names, draw_lot, fit_detector, is_class
 from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.faults import Tried
 from fame.monitor.pipeline.filters import LowPass, Windower
-from fame.monitor.pipeline.join import Join
 from fame.monitor.pipeline.other_estimators import estimator_of
 from fame.monitor.pipeline.phases import Phases, reduced
 from fame.monitor.pipeline.processor import Samples
@@ -67,98 +47,8 @@ from fame.monitor.pipeline.training_checks import (
     unlike_durations,
     unlike_movements,
 )
+from fame.monitor.pipeline.training_settings import Training as Training, check_settings
 from fame.monitor.storage import versions
-from fame.monitor.tables import RUN, STAMP
-from fame.text import suggestion
-
-
-@dataclass(frozen=True)
-class Training:
-    """Settings of a training: the keys of the section `Training` of a configuration.
-
-    files         CSV files of undisturbed runs
-    model         where the model is stored
-    columns       of the files; default all but stamp, run and label
-    run_column    of the files, which divides them into runs; `time_column` has stamps in s, or dates, `element_column`
-                  the element of the mission that is active
-    exclude       columns that are not read, such as texts; and runs, as training names them (``run 7``), or by file
-    rate          Hz, of rows that have no times, or other ones
-    start         s since the first row of each file, from which on it is read; `end`: until where
-    anomaly_column  column that is 0 in undisturbed rows; these train, it is no channel
-    benign        of a file of blocks, each behind a line with its class: the class that is undisturbed
-    keep          train also if runs are unlike the others, and leave out copies of runs
-    join          of topics with rates of their own: the section `Join` of the configuration
-    time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
-    detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the best
-                  of some (`fame.monitor.pipeline.compare.best`). Or the class of an estimator of scikit-learn, with its
-                  `parameters`: ``sklearn.ensemble.IsolationForest``
-    estimator     of scikit-learn or PyOD, in memory, which is the detector
-    window        samples per window
-    stride        samples from one window to the next, of those that train and of those that are scored
-    before        Hz, low-pass on the data; 0: none
-    cutoff        Hz, low-pass on the loss; 0: none
-    start_within  s, how late or early a whole run may be under `phase`
-    false_alarms  rate that is asked for: ``0.01 per run`` or ``0.5 per hour``
-    margin        factor on the thresholds; default 1 with a promise, 1.5 without
-    folds         of the runs, for the scores that set the thresholds
-    held_back     instead of folds: the part of the runs in each fold
-    samples       windows that train, at most
-    hidden        neurons of the layers of autoencoders between input and output
-    activation    of these: relu, tanh, logistic, identity
-    epochs        passes over these windows, at most
-    components    part of the variance that principal components explain
-    neighbours    windows that `knn` keeps, at most
-    usual         set by training: of several detectors, the losses that count as 1 for each, per channel (`weighed`)
-    parts         set by training: the left-out scores of each of them (runs, channels), if any raises the alarm
-    share         set by a comparison: how many detectors it could choose
-    """
-
-    files: tuple[str, ...] = ()
-    model: str = "model.skops"
-    columns: tuple[str, ...] = ()
-    run_column: str = RUN
-    time_column: str = STAMP
-    element_column: str = ELEMENT
-    time_unit: str | None = None
-    exclude: tuple[str, ...] = ()
-    rate: float = 0.0
-    start: float = 0.0
-    end: float | None = None
-    anomaly_column: str | None = None
-    benign: str | None = None
-    keep: bool = False
-    join: Join | None = None
-    detector: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    estimator: Any = None
-    window: int = 50
-    stride: int = 5
-    before: float = 0.0
-    cutoff: float = 0.0
-    start_within: float = WITHIN
-    false_alarms: str = "0.01 per run"
-    margin: float | None = None
-    folds: int = 5
-    held_back: float | None = None
-    samples: int = 20_000
-    hidden: tuple[int, ...] = (16, 4, 16)
-    activation: str = "tanh"
-    epochs: int = 60
-    components: float = 0.99
-    neighbours: int = 4000
-    seed: int = 0
-    usual: tuple[tuple[float, ...], ...] = ()
-    parts: tuple[Floats, ...] = ()
-    share: int = 1
-
-    @property
-    def special(self) -> Special:
-        """The columns that are no channels."""
-        names = self.time_column, self.run_column, self.element_column
-        end = math.inf if self.end is None else self.end
-        unit, anomaly, benign = self.time_unit or "", self.anomaly_column or "", self.benign or ""
-        return Special(*names, unit, self.join, self.exclude, self.rate, self.start, end, anomaly, benign)
-
 
 ReportProgress = Callable[[str], object]
 Complete = Callable[[Sequence[LabelledRun], Sequence[str]], Sequence[LabelledRun]]
@@ -239,15 +129,8 @@ def fit(
     filtered = prepared(runs, config)
     config = weighed(filtered, config, rate)
     model = learned(filtered, config, rate)
-    scores = np.full((len(runs), len(model.columns)), np.nan)
-    lone = np.zeros(scores.shape, dtype=bool)
     tried = Tried(runs) if faults else None
-    for index, fold in left_out(filtered, config, rate, report):
-        loss = losses(fold, filtered[index], config.stride).values
-        scores[index] = loss.max(axis=0, initial=-np.inf)
-        lone[index] = lone_peaks(loss, config.window / config.stride)
-        if tried is not None:
-            tried.put(index, partial(_loss_of_raw, fold, config))
+    scores, lone = _left_out_scores(filtered, config, rate, tried, report)
     whole = _whole(scores, config)
     lasted = [float(run.stamps[-1] - run.stamps[0]) for run in runs if len(run)]
     asked = _asked(runs, config)
@@ -273,6 +156,21 @@ def fit(
         model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
         calibration=calibration, conditions=conditions, band=band_of(runs, model.elements),
     )  # fmt: skip
+
+
+def _left_out_scores(
+    runs: Sequence[Samples], config: Training, rate: float, tried: Tried | None, report: ReportProgress
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the largest losses of filtered runs by detectors that learned from the other folds (runs, channels), and
+    whether they are lone peaks. Faults are `tried` by these detectors."""
+    found = {}
+    for index, fold in left_out(runs, config, rate, report):
+        loss = losses(fold, runs[index], config.stride).values
+        found[index] = loss.max(axis=0, initial=-np.inf), lone_peaks(loss, config.window / config.stride)
+        if tried is not None:
+            tried.put(index, partial(_loss_of_raw, fold, config))
+    scores, lone = zip(*(found[index] for index in range(len(runs))), strict=True)
+    return np.array(scores), np.array(lone)
 
 
 CUT = 20
@@ -462,128 +360,8 @@ def _loss_of_raw(model: TrainedModel, config: Training, run: Samples) -> Samples
     return losses(model, prepared([run], config)[0], config.stride)
 
 
-def training_of(section: ConfigValue, folder: Path) -> Training:
-    """Read the section `Training`: keys in any case, file names and patterns relative to `folder`.
-
-    Raises ConfigError.
-    """
-    given: dict[str, Any] = {}
-    for name, value in _settings(section).items():
-        if name not in _READERS:
-            raise value.error(f"unknown key; {suggestion(name, _READERS)}")
-        given[name] = _READERS[name](value)
-        if name == "files":
-            given[name] = tuple(str(path) for item in _items(value) for path in _found(folder, item))
-    if _OF_AUTOENCODERS & given.keys():  # keys that say which detector is meant
-        given.setdefault("detector", ChannelAutoencoders.kind)
-    return Training(**{**given, "model": str(folder / given.get("model", Training.model))})
-
-
-def data_and_model(section: ConfigValue, folder: Path) -> tuple[tuple[str, ...], str]:
-    """Read from the section `Training` the files and the model alone; no files if a pattern matches none.
-
-    Raises ConfigError.
-    """
-    settings = _settings(section)
-    names = _items(settings["files"]) if "files" in settings else []
-    found = [_matching(folder, item) for item in names]
-    model = settings["model"].text() if "model" in settings else Training.model
-    return tuple(str(path) for paths in found if all(found) for path in paths), str(folder / model)
-
-
-def _settings(section: ConfigValue) -> dict[str, ConfigValue]:
-    """Return the values of a section by the names of `Training`."""
-    return {
-        re.sub(r"(?<=[a-z])(?=[A-Z])", "_", key).lower().replace(" ", "_"): value
-        for key, value in section.mapping().items()
-    }
-
-
-def _items(value: ConfigValue) -> list[ConfigValue]:
-    """Return the values of a list; a single value is taken as a list of one."""
-    return value.items() if isinstance(value.data, list | tuple) else [value]
-
-
-def _texts(value: ConfigValue) -> tuple[str, ...]:
-    return tuple(item.text() for item in _items(value))
-
-
-def _detector(value: ConfigValue) -> str:
-    """Read ``pca``, ``any of pca, knn`` or ``{any of: [pca, knn]}``."""
-    if isinstance(value.data, dict):
-        ((rule, names),) = value.mapping(RULES).items() or [("", value)]
-        text = f"{rule} {', '.join(item.text() for item in names.items())}"
-    else:
-        text = value.text()
-    try:
-        detector_names(text)
-    except ConfigError as error:
-        raise value.error(error.text) from None
-    return text
-
-
-def _parameters(value: ConfigValue) -> dict[str, Any]:
-    return {name: item.data for name, item in value.mapping().items()}
-
-
-_READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
-    "files": _texts,
-    "model": ConfigValue.text,
-    "columns": _texts,
-    "run_column": ConfigValue.text,
-    "time_column": ConfigValue.text,
-    "element_column": ConfigValue.text,
-    "time_unit": partial(ConfigValue.choice, known=tuple(TIME_UNITS), what="a unit"),
-    "window": partial(ConfigValue.integer, minimum=2),
-    "hidden": lambda value: tuple(item.integer(minimum=1) for item in _items(value)),
-    "activation": partial(ConfigValue.choice, known=ACTIVATIONS, what="an activation"),
-    "stride": partial(ConfigValue.integer, minimum=1),
-    "before": partial(ConfigValue.number, minimum=0),
-    "cutoff": partial(ConfigValue.number, minimum=0),
-    "start_within": partial(ConfigValue.number, minimum=0),
-    "held_back": partial(ConfigValue.number, above=0, maximum=math.nextafter(1, 0)),
-    "samples": partial(ConfigValue.integer, minimum=10),
-    "epochs": partial(ConfigValue.integer, minimum=1),
-    "margin": partial(ConfigValue.number, above=0),
-    "exclude": _texts,
-    "rate": partial(ConfigValue.number, minimum=0, maximum=1e6),
-    "start": partial(ConfigValue.number, minimum=0),
-    "end": partial(ConfigValue.number, above=0),
-    "anomaly_column": ConfigValue.text,
-    "benign": ConfigValue.text,
-    "keep": ConfigValue.boolean,
-    "detector": _detector,
-    "parameters": _parameters,
-    "false_alarms": read_false_alarms,
-    "folds": partial(ConfigValue.integer, minimum=2),
-    "components": partial(ConfigValue.number, above=0, maximum=1),
-    "neighbours": partial(ConfigValue.integer, minimum=10),
-    "seed": partial(ConfigValue.integer, minimum=0, maximum=2**32 - 1),
-}
-
-
-_OF_AUTOENCODERS = {"hidden", "activation", "epochs"}
-
-
-def _matching(folder: Path, value: ConfigValue) -> list[Path]:
-    """Return the file of a name, or those of a pattern, which may be none."""
-    pattern = value.text()
-    if not any(sign in pattern for sign in "*?["):
-        return [folder / pattern]
-    return sorted(folder / path for path in glob(pattern, root_dir=folder, recursive=True))
-
-
-def _found(folder: Path, value: ConfigValue) -> list[Path]:
-    """Return them too. Raises ConfigError if a pattern matches none."""
-    if not (found := _matching(folder, value)):
-        raise value.error(f"no file matches {value.text()!r} in {folder}")
-    return found
-
-
 def _check(config: Training, runs: Sequence[Samples]) -> None:
-    for name, read in _READERS.items():
-        if getattr(config, name) is not None and (name != "detector" or config.detector):
-            read(ConfigValue(getattr(config, name), f"Training.{name}"))
+    check_settings(config)
     if is_class(config.detector):
         estimator_of(config.detector, config.parameters)
     elif config.parameters:
