@@ -1,7 +1,9 @@
 """What runs goes over to a changed model: tokens, subscriptions, variables, timers; all robots or none."""
 
+import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +34,14 @@ from engine_models import (
 )
 
 import fame
+from fame.clock import SECOND
 from fame.deploy.migration import plan_of, read_plan
-from fame.errors import ConfigError, MissionError
+from fame.errors import ConfigError, MissionError, ModelError
 from fame.middleware import messages
 from fame.robot.state_transfer import go_on_after, timers_of, transfer_state, what_becomes
+from fame.scenario import Scenario
+from fame.scenario.migrating import migrate_run
+from fame.scenario.run import Run as ScenarioRun
 
 
 class Migrated:
@@ -335,3 +341,66 @@ def test_a_robot_that_runs_nothing_starts_the_model() -> None:
     field = Field("A", "B")
     field.deploy(team("ua"), migrate=True)
     assert [field.engines[robot].running.instances[0].waiting for robot in "AB"] == [["ua"], ["ub"]]
+
+
+# ---- a run in one process --------------------------------------------------------------------------------------------
+
+CUTS = """<startEvent id="s"/><scriptTask id="t"><script>robot.publish("blade_force", "geometry_msgs/msg/Wrench",
+torque={"z": 1.0})</script></scriptTask>
+<intermediateCatchEvent id="c"><timerEventDefinition><timeDuration>PT4S</timeDuration></timerEventDefinition>
+</intermediateCatchEvent><userTask id="u"/>"""
+WAYS = ("s", "t"), ("t", "c"), ("c", "u")
+TWO_TRACTORS = """model: m.bpmn
+world: {bounds: [0, 0, 9, 4], robots: {A: {type: tractor, at: [1, 1]}, B: {type: tractor, at: [1, 3]}}}
+"""
+
+
+@contextmanager
+def two_tractors(folder: Path) -> Iterator[ScenarioRun]:
+    """A run with two tractors whose blades turn, after two seconds."""
+    (folder / "day.yaml").write_text(TWO_TRACTORS)
+    (folder / "m.bpmn").write_text(tractors(CUTS, *WAYS))
+    run = ScenarioRun(Scenario.load(folder / "day.yaml"), False, None, None)
+    run.begin()
+    run.scheduler.run(2 * SECOND)
+    try:
+        yield run
+    finally:
+        run.stop()
+
+
+def tractors(content: str, *flows: tuple[str, str]) -> str:
+    pools = "".join(f'<participant id="{name}" name="{name}" processRef="p{name}"/>' for name in "AB")
+    two = [bpmn_process(f"p{name}", re.sub(r'id="', f'id="{name}', content), *flows) for name in "AB"]
+    named = [re.sub(r'(sourceRef|targetRef)="', rf"\g<0>{name}", one) for name, one in zip("AB", two, strict=True)]
+    return definitions(f'<collaboration id="x">{pools}</collaboration>', *named)
+
+
+def test_a_run_goes_over_as_a_whole_and_its_robots_go_on_with_what_they_did(tmp_path: Path) -> None:
+    with two_tractors(tmp_path) as run:
+        changed = tractors(CUTS.replace("PT4S", "PT8S") + '<userTask id="v"/>', *WAYS[:2], ("c", "v"))
+        (tmp_path / "m.bpmn").write_text(changed)
+        found = migrate_run(run, Scenario.load(tmp_path / "day.yaml"))
+        assert [[str(token) for token in one.tokens] for one in found.values()] == [["Ac: keep"], ["Bc: keep"]]
+        assert run.scheduler.now == 2 * SECOND
+        run.scheduler.run(5 * SECOND)
+        assert [list(node.engine.instances[1].waiting) for node in run.nodes] == [["Av"], ["Bv"]]
+        assert run.world is not None
+        assert [one.appearance.blade > 0 for one in run.world.robots.values()] == [True, True]  # no safe state
+
+
+def test_a_run_stays_as_it_was_if_one_token_cannot_go_over(tmp_path: Path) -> None:
+    with two_tractors(tmp_path) as run:
+        nodes, ends = list(run.nodes), len(run.middleware.nodes)
+        path = tmp_path / "m.bpmn"
+        path.write_text(path.read_text().replace('"Bc"', '"Bz"'))
+        found = migrate_run(run, Scenario.load(tmp_path / "day.yaml"))
+        assert [one.blocked for one in found.values()] == [
+            "", "the state does not fit the new model: Bc: the new model has no element Bc"
+        ]  # fmt: skip
+        path.write_text(path.read_text().replace("robot.publish(", "robot.publish(("))
+        with pytest.raises(ModelError, match="not valid Python"):
+            migrate_run(run, Scenario.load(tmp_path / "day.yaml"))
+        assert (run.nodes, len(run.middleware.nodes)) == (nodes, ends)
+        run.scheduler.run(5 * SECOND)
+        assert [list(node.engine.instances[1].waiting) for node in run.nodes] == [["Au"], ["Bu"]]

@@ -94,7 +94,7 @@ def resume(engine: EngineState, scope: Scope) -> None:
     _continue(engine, [scope, *_held_scopes(scope)], _held_waits(scope))
 
 
-def hold(engine: EngineState) -> None:
+def hold(engine: EngineState, *, safe: bool = True) -> None:
     """Suspend all instances, and let none start, until `release`. No token continues when cancelled scripts end."""
     held = [inner for instance in engine.instances.values() for inner in scopes.subtree(instance.root)]
     waits = _in_order([wait for scope in held for wait in (*scope.arms, *_waits_in(scope))])
@@ -103,7 +103,8 @@ def hold(engine: EngineState) -> None:
     for wait in waits:
         _pause(engine, wait)
     engine.held = held, waits
-    engine.host.make_safe("suspended")
+    if safe:
+        engine.host.make_safe("suspended")
 
 
 def release(engine: EngineState) -> None:

@@ -225,10 +225,10 @@ class Engine(EngineState):
             self.ready.append((continuation.node, continuation.scope))
         self.run()
 
-    def hold(self) -> None:
-        """Suspend all instances and bring the robot to its safe state; no instance starts before `release`."""
+    def hold(self, *, safe: bool = True) -> None:
+        """Suspend all instances and bring the robot to its `safe` state; no instance starts before `release`."""
         if self.held is None:
-            handlers.hold(self)
+            handlers.hold(self, safe=safe)
             self.run()
 
     def release(self) -> None:

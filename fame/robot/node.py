@@ -184,10 +184,11 @@ class RobotNode:
         for topic, message in early:
             self.on_message(topic, message)
 
-    def hold(self, reason: str = "") -> None:
-        """Suspend the mission, in the safe state, until `release` is called for each reason."""
+    def hold(self, reason: str = "", *, safe: bool = True) -> None:
+        """Suspend the mission until `release` is called for each reason; in the `safe` state, unless it is to go on at
+        this instant."""
         self.holds.add(reason)
-        self.engine.hold()
+        self.engine.hold(safe=safe)
         self.runner.poll()
 
     def release(self, reason: str = "") -> None:

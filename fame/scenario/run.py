@@ -22,7 +22,7 @@ from fame.middleware.local import LocalMiddleware, LocalNode
 from fame.middleware.network import Network
 from fame.randomness import RANDOM_MODULES, ModuleRandom, robot_random
 from fame.robot import Event, RobotNode, ServiceFunction, make_mission
-from fame.robot.events import ENDED, Observer, OnEvent, combine_observers
+from fame.robot.events import ENDED, Observer, OnEvent, combine_observers, observer_of
 from fame.robot.options import RobotOptions
 from fame.rooms import RUN_JUDGE, RUN_WATCHES, WATCH, load
 from fame.scenario.film_captions import Captions
@@ -88,7 +88,7 @@ class Run:
         pace: Pace | None = None,
         hold_errors: bool = False,
     ) -> None:
-        self._pace, self._hold_errors = pace, hold_errors
+        self._pace, self._hold_errors, self._strict = pace, hold_errors, strict
         self._seeded = ExitStack()
         self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
         self._services = services or (lambda robot: {})
@@ -138,6 +138,23 @@ class Run:
         for node in nodes:
             node.load()
         return nodes
+
+    def nodes_of(self, plan: Plan) -> list[RobotNode]:
+        """Make and load the nodes of another plan with the same robots, beside those that run. Nobody observes them.
+
+        Raises ModelError, MessageError and ConfigError for what cannot be run; nothing is left of it.
+        """
+        refuse_literals(plan.definitions, plan.processes(), plan.library, strict=self._strict)
+        before, there = (self.scenario, self.observer), {*self.middleware.nodes}
+        self.scenario, self.observer = plan, observer_of(lambda event: None) if self.observer is not None else None
+        try:
+            return self._build_nodes(self._strict)
+        except BaseException:
+            for node in {*self.middleware.nodes} - there:
+                node.close()
+            raise
+        finally:
+            self.scenario, self.observer = before
 
     def _node(self, robot: str, shared: Mapping[str, TopicUse], strict: bool, *, compiled: bool = True) -> RobotNode:
         """Make the node of a robot. `shared`: the topics of the collaboration."""
