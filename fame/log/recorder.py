@@ -91,8 +91,10 @@ class Recorder(Observer):
     default those of each robot.
     """
 
+    files: list[str]
+
     def __init__(self, start: Callable[[], Sink], topics: LogTopics = "signals", files: Sequence[str] = ()) -> None:
-        self._start, self._files = start, files
+        self._start, self.files = start, [*files]
         self._topics = TopicRecorder(self.begin, every=topics == "all")
         self._file: Sink | None = None
         self._writer = KeyWriter(lambda topic, time, data: self.begin().put(topic, time, data))
@@ -116,7 +118,7 @@ class Recorder(Observer):
 
     def watch(self, node: RobotNode) -> Callable[[], object]:
         """Record this robot."""
-        files = self._files or [*node.mission.files]
+        files = self.files or [*node.mission.files]
         tracker = self._trackers[node.name] = ChangeTracker(node, self._writer.change, files)
         self._writer.state.robots[node.name] = tracker.begin()
         self._scheduler = node.scheduler
@@ -126,6 +128,11 @@ class Recorder(Observer):
     def add_channels(self, record: Callable[[Put], object]) -> None:
         """Record other channels, as of a world: `record` is called with a function that takes their messages."""
         record(lambda topic, time, data: self.begin().put(topic, time, data))
+
+    def take_over(self, robots: Iterable[str]) -> None:
+        """Write the whole state of robots whose node is another one now, which is watched already."""
+        assert self._scheduler is not None
+        self._writer.key(self._scheduler.now, dict.fromkeys(robots, 0))
 
     def __call__(self, event: Event) -> None:
         if event.what == "verdict":

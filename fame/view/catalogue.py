@@ -66,9 +66,9 @@ class Catalogue:
         self._plane_of: dict[int, int] = {}
         self.extend(files)
 
-    def extend(self, files: Sequence[Definitions]) -> None:
-        """Add files; the numbers of earlier files do not change."""
-        first = len(self.files)
+    def extend(self, files: Sequence[Definitions], find: Find | None = None) -> None:
+        """Add files, also later versions of those that there are; the numbers of earlier files do not change."""
+        first, self._find = len(self.files), find or self._find
         self.files += tuple(files)
         for file, definitions in enumerate(files, first):
             for process in definitions.processes:
@@ -257,8 +257,11 @@ class Catalogue:
             target = self._find(self.files[file], call) if self._find is not None else None
         except ModelError:  # a finding of the check
             return None
-        places = (place for place, one in enumerate(self.files) if target is not None and one.file == target[0].file)
-        return next((self._number.get((place, target[1].id)) for place in places if target is not None), None)
+        if target is None:
+            return None
+        places = [place for place, one in enumerate(self.files) if one.file == target[0].file]
+        place = file if file in places else max(places, default=NOWHERE)  # of several versions its own, or the last
+        return self._number.get((place, target[1].id))
 
     def _called(self, file: int, called: str) -> int | None:
         """The process that is called, if one of the files has it, the caller's first: recordings have no folders."""

@@ -12,7 +12,8 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 from fame.bpmn.topics import EMPTY_TYPE
 from fame.clock import SECOND
@@ -26,8 +27,8 @@ from fame.text import read_json
 from fame.view.steering import MANUAL, TWIST, twist_of
 
 COMMANDS = (
-    "pause", "resume", "step", "speed", "breakpoint", "complete", "retry", "skip", "move", "signal", "set", "fault",
-    "take_over", "steer", "suspend", "continue", "restart", "fail", "note",
+    "pause", "resume", "step", "speed", "breakpoint", "run_to", "complete", "retry", "skip", "move", "signal", "set",
+    "fault", "take_over", "steer", "suspend", "continue", "restart", "fail", "note",
 )  # fmt: skip
 AT_ONCE = 0.0
 """The speed of a run that does not follow the wall clock."""
@@ -37,6 +38,7 @@ _BUSY = SECOND // 5
 """Simulated ns after which a run that does not follow the wall clock looks for them."""
 
 _Command = Mapping[str, Any]
+_Result = TypeVar("_Result")
 
 
 class RunControl:
@@ -44,6 +46,7 @@ class RunControl:
 
     pause_at     pause at this time (ns), which is reached as fast as possible, without commands; None once it is
     breakpoints  numbers of elements: the run pauses when a token comes to one
+    goal         the same, once; None without one
     """
 
     speed: float
@@ -55,11 +58,12 @@ class RunControl:
     def __init__(self, *, speed: float = 1.0, pause_at: int | None = None) -> None:
         self.speed, self.paused = speed, False
         self.breakpoints: set[int] = set()
+        self.goal: int | None = None
         self.stopped = ""
         self.over = False
         self.pause_at = pause_at
         self._stepping = False
-        self._commands: list[tuple[_Command, Future[str]]] = []
+        self._commands: list[tuple[Callable[[Run], Any], Future[Any]]] = []
         self._changed = threading.Condition()
         self._origin: tuple[float, int] | None = None
         self._run: Run | None = None
@@ -122,11 +126,12 @@ class RunControl:
 
     def on_events(self, entered: set[int], moved: bool) -> None:
         """Tokens came to elements (by number), or moved in another way: a step ends, a breakpoint may be reached."""
-        reached = entered & self.breakpoints
+        reached = self.goal in entered
         if self._stepping and moved:
             self._stepping = False
-        if reached and self.pause_at is None:
-            self.pause("Breakpoint reached.")
+        if (reached or entered & self.breakpoints) and self.pause_at is None:
+            self.pause("A token has come there." if reached else "Breakpoint reached.")
+            self.goal = None if reached else self.goal
             if self._run is not None:
                 self._run.scheduler.stop()
 
@@ -140,13 +145,17 @@ class RunControl:
         """Carry out a command; gives what was done, in words. Raises FameError."""
         if command.get("do") not in COMMANDS:
             raise FameError(f"unknown command {command.get('do')!r}; commands are: {', '.join(COMMANDS)}")
-        if self.over:
-            raise FameError("the run is over")
-        if (reached := self.pause_at) is not None:
+        if (reached := self.pause_at) is not None and not self.over:
             raise FameError(f"the run is being repeated: it takes commands from {reached / SECOND:g} s on")
-        future: Future[str] = Future()
+        return self.call(partial(_carried_out, self, command))
+
+    def call(self, action: Callable[[Run], _Result]) -> _Result:
+        """Do something in the thread of the run, between two steps. Raises FameError, also if the run is over."""
+        future: Future[_Result] = Future()
         with self._changed:
-            self._commands.append((command, future))
+            if self.over:
+                raise FameError("the run is over")
+            self._commands.append((action, future))
             self._changed.notify()
         try:
             return future.result(timeout=10)
@@ -156,13 +165,11 @@ class RunControl:
     def _carry_out(self, run: Run) -> None:
         with self._changed:
             waiting, self._commands = self._commands, []
-        for command, future in waiting:
+        for action, future in waiting:
             try:
-                answer = _carried_out(self, run, command)
-            except FameError as error:
+                answer = action(run)
+            except Exception as error:  # whatever is wrong with a command, the run goes on
                 _fail(future, error)
-            except Exception:  # whatever is wrong with a command, the run goes on
-                _fail(future, FameError(f"expected the parts of the command {command['do']!r}, got {dict(command)!r}"))
             else:
                 run.scheduler.run(run.scheduler.now)  # what follows at this instant, also while time stands still
                 with suppress(InvalidStateError):
@@ -195,6 +202,10 @@ class RunControl:
         else:
             self.breakpoints.discard(number)
         return ""
+
+    def _do_run_to(self, run: Run, command: _Command) -> str:
+        self.goal = int(command["element"])
+        return self._do_resume(run, command)
 
     def _do_take_over(self, run: Run, command: _Command) -> str:
         node = _node(run, command["robot"])
@@ -270,12 +281,19 @@ _ACTS: Mapping[str, tuple[_Act, str]] = {
 """What a command makes the node of a robot do, and what the page says of it afterwards."""
 
 
-def _carried_out(control: RunControl, run: Run, command: _Command) -> str:
-    if command["do"] not in _ACTS:
-        return str(getattr(control, f"_do_{command['do']}")(run, command))
-    act, said = _ACTS[command["do"]]
-    act(_node(run, command["robot"]), command, _who(command))
-    return said.format_map(command)
+def _carried_out(control: RunControl, command: _Command, run: Run) -> str:
+    """Carry out a command of a page; gives what was done, in words. Raises FameError."""
+    try:
+        if command["do"] not in _ACTS:
+            return str(getattr(control, f"_do_{command['do']}")(run, command))
+        act, said = _ACTS[command["do"]]
+        act(_node(run, command["robot"]), command, _who(command))
+        return said.format_map(command)
+    except FameError:
+        raise
+    except Exception:
+        text = f"expected the parts of the command {command['do']!r}, got {dict(command)!r}"
+        raise FameError(text) from None
 
 
 def faults_of(run: Run) -> list[tuple[str, str]]:
@@ -321,6 +339,6 @@ def _json(text: str) -> Any:
         raise MessageError(f"expected a value as JSON, got {text!r}: {error}") from None
 
 
-def _fail(future: Future[str], error: FameError) -> None:
+def _fail(future: Future[Any], error: Exception) -> None:
     with suppress(InvalidStateError):
         future.set_exception(error)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import groupby, zip_longest
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+from fame.bpmn.model import Definitions
 from fame.clock import SECOND
+from fame.deploy.migration import Foreseen
 from fame.errors import ConfigError, FameError
 from fame.fast_json import json_bytes
 from fame.log import Recording
@@ -17,10 +20,11 @@ from fame.log.channels import EVENTS, VARIABLES
 from fame.log.recorder import Recorder
 from fame.log.recording import team_order
 from fame.scenario import Scenario
+from fame.scenario.migrating import migrate_run
 from fame.scenario.run import Run
 from fame.view.catalogue import Catalogue
 from fame.view.control import COMMANDS, RunControl, can_be_steered, faults_of
-from fame.view.mission import Chip, mission_json
+from fame.view.mission import Chip, mission_json, place_of
 from fame.view.sink import PageSink
 
 _MOVES = frozenset(("enter", "leave", "cancel", "fail", "start", "end"))
@@ -41,6 +45,7 @@ class LiveRun(PageSink):
         self._ended = self._failure = ""
         self._repeats = control.pause_at
         self._missions = 0
+        self._changed = False  # whether the robots have gone over to another model
         self._time = 0
         self._lost: dict[str, int] = {}  # robots whose engine is gone, and since when (ns)
         self.observer: Recorder = Recorder(lambda: self, files=[model.file for model in self.catalogue.files])
@@ -74,6 +79,36 @@ class LiveRun(PageSink):
         entered = {number for mark in marks if mark[1] == "enter" for number in self.catalogue.candidates(mark[0])}
         self.control_of_run.on_events(entered, any(mark[1] in _MOVES for mark in marks))
 
+    def migrate(self, run: Run, plan: Scenario) -> Mapping[str, Foreseen]:
+        """Let the robots go over to the model of another plan, and show it. In the thread of the run; raises FameError.
+
+        Returns what becomes of each robot, as `fame.scenario.migrating.migrate_run` does.
+        """
+        files = plan.closures()
+        known = self.observer.files
+        known += [model.file for model in files if model.file not in known]
+        return migrate_run(run, plan, partial(self._show, plan, files))
+
+    def _show(self, plan: Scenario, files: Sequence[Definitions]) -> None:
+        """Show another plan, which its robots have now: the elements of the one before stay, for what has been."""
+        with self._lock:
+            catalogue, packer = self.catalogue, self._packer
+            numbers = {model.file: number for number, model in enumerate(catalogue.files)}
+            sources = {file: catalogue.files[number].source for file, number in numbers.items()}
+            new = [model for model in files if sources.get(model.file) != model.source]
+            numbers |= {model.file: number for number, model in enumerate(new, len(catalogue.files))}
+            catalogue.extend(new, plan.library.find)
+            for robot in plan.cast:
+                packer.run(packer.robot(robot), [numbers[file] for file in self.observer.files])
+            self._scenario, self._changed = plan, True
+            self._missions += 1
+        self.observer.take_over(plan.cast)
+
+    @property
+    def time(self) -> int:
+        """How far it has come (ns)."""
+        return self._time
+
     def hand_over(self) -> None:
         """Give pages the controls: the run has come to where commands begin."""
         self._repeats = None
@@ -92,7 +127,7 @@ class LiveRun(PageSink):
 
     def mission(self) -> Mapping[str, Any]:
         with self._lock:
-            return mission_json(
+            found = mission_json(
                 "live",
                 self._title,
                 self.catalogue,
@@ -104,6 +139,9 @@ class LiveRun(PageSink):
                 faults=faults_of(self._run) if self._run is not None else [],
                 messages=True,
             )
+            for number, robot in enumerate(found["robots"] if self._changed else ()):
+                robot |= place_of(self._packer, number, self._scenario.cast[robot["name"]].process.id)
+            return found
 
     def _chips(self) -> list[Chip]:
         state: Chip = (

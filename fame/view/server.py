@@ -404,16 +404,20 @@ class _Endpoints:
         self._files = files("fame.view") / "page"
 
     def application(self) -> Starlette:
-        """Return all routes; below ``/change`` those of the source's second page, if it has one."""
+        """Return all routes; below ``/change`` and ``/run`` those of the source's other pages, if it has them."""
         from starlette.applications import Starlette
         from starlette.routing import Mount, Route, WebSocketRoute
 
         source = self._source
-        change: PageSource | None = getattr(source, "change", None)
-        inner = _OwnPage(_Endpoints(change, self._refusals).application(), self._refusals) if change else None
+        others: dict[str, PageSource | None] = {name: getattr(source, name, None) for name in ("change", "run")}
+        inner = {
+            name: _OwnPage(_Endpoints(other, self._refusals).application(), self._refusals)
+            for name, other in others.items()
+            if other is not None
+        }
         return Starlette(
             routes=[
-                *([Mount("/change", inner)] if inner is not None else []),
+                *(Mount(f"/{name}", other) for name, other in inner.items()),
                 Route("/", self._static),
                 Route("/page/{name:path}", self._static),
                 Route("/mission.json", self._mission),

@@ -230,18 +230,13 @@ export class App {
 
   news(news) {
     if (news.type === "beat") return;
+    this.store.take(news, this.mission);
     if (news.type === "index") {
-      this.store.index(news.blocks, news.end);
-      this.mission.reading = news.reading;
-      this.store.complete = news.reading >= 1;
-      if (news.elements)
-        this.mission.elements.push(...news.elements.slice(Math.max(0, this.mission.elements.length - news.from)));
       this.prefetch();
       this.soon();
       return;
     }
-    if (news.type === "data") this.store.add(news.block);
-    else if (news.type === "run") this.run(news);
+    if (news.type === "run") this.run(news);
     else if (news.type === "reload")
       this.fetch("mission.json")
         .then((mission) => this.load(mission))
@@ -254,7 +249,6 @@ export class App {
     this.control.status = news;
     this.breakpoints = new Set(news.breakpoints);
     if (stopped) this.toast(news.stopped);
-    if (news.time > this.store.end) this.store.end = news.time;
     this.changedPlayer();
   }
 

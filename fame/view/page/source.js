@@ -2,10 +2,13 @@
 
 const SILENCE = 5000; // ms without a message, of which one comes each second, after which what is live is not known
 
-/** The server of `fame view`. */
-class Server {
-  base = new URL(".", location.href);
+/** The server of `fame view`, or of a page below it. */
+export class Server {
   tab = "team"; // that is shown first
+
+  constructor(below = ".") {
+    this.base = new URL(below, location.href);
+  }
 
   async fetch(path) {
     const answer = await fetch(new URL(path, this.base));

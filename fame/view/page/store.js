@@ -365,6 +365,22 @@ export class Store {
   }
 
   /**
+   * Take what the server has sent of a run that lasts.
+   *
+   * @param {any} news @param {import("./types.js").Mission} mission
+   */
+  take(news, mission) {
+    if (news.type === "index") {
+      this.index(news.blocks, news.end);
+      mission.reading = news.reading;
+      this.complete = news.reading >= 1;
+      if (news.elements)
+        mission.elements.push(...news.elements.slice(Math.max(0, mission.elements.length - news.from)));
+    } else if (news.type === "data") this.add(news.block);
+    else if (news.type === "run") this.end = Math.max(this.end, news.time);
+  }
+
+  /**
    * The number of the block that an instant is in.
    *
    * @param {number} time
