@@ -25,7 +25,8 @@ _EXAMPLES = (
 def add(commands: Commands) -> None:
     parser = command(
         commands, "edit", run, examples=_EXAMPLES,
-        help="draw a model in the browser: findings of fame check while you draw, and a file that keeps all else",
+        help="draw a model in the browser: findings of fame check while you draw, a run that changes with it, and a "
+        "file that keeps all else",
     )  # fmt: skip
     parser.add_argument(
         "subject", type=Path, nargs="?", metavar="MODEL.bpmn|SCENARIO.yaml",

@@ -29,6 +29,7 @@ from fame.config.loader import read_document
 from fame.edit.changes import Root, compare, lines
 from fame.edit.completion import Completer, RobotTopics, robot_topics
 from fame.edit.exploring import Explorer
+from fame.edit.running import EditedRun
 from fame.edit.writer import decoded, save_bytes
 from fame.errors import ConfigError, FameError, ModelError
 from fame.rooms import ADD_DIAGRAM, load
@@ -94,10 +95,12 @@ class ModelEdit(ModelWatch):
             raise ConfigError("cannot be written: there is no such folder", file=str(self.model.parent))
         parse(self._content(), str(self.model))
         self._explorer = Explorer(subject, self.model, library, types)
+        self.run = EditedRun(subject, library)
         super().__init__(subject, library, wait=not self.model.exists())
 
     def close(self) -> None:
-        """Stop watching and exploring."""
+        """End the run, and stop watching and exploring."""
+        self.run.close()
         self._explorer.close()
         super().close()
 

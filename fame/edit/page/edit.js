@@ -4,6 +4,7 @@ import { Completion } from "./complete.js";
 import { byId, h, icon, messageOf } from "./dom.js";
 import { Exploring } from "./explore.js";
 import { mend } from "./fixes.js";
+import { Running } from "./run.js";
 import { source } from "./source.js";
 
 const REST = 80; // ms without a change, after which the model is checked
@@ -40,6 +41,8 @@ class Edit {
   timer = undefined;
   exploring = new Exploring(this);
   gone = "";
+  /** @type {any} a `Running`, once there is a library that draws */
+  running = null;
 
   async start() {
     this.mission = await source.fetch("mission.json");
@@ -53,6 +56,7 @@ class Edit {
     new ResizeObserver(() => this.ready && this.modeler.get("canvas").resized()).observe(byId("canvas"));
     this.tools();
     this.completion = new Completion(this);
+    this.running = new Running(this);
     await this.open(this.mission.text, this.mission.hash);
     source.listen(this);
   }
@@ -177,8 +181,9 @@ class Edit {
 
   // ---- the file ----------------------------------------------------------------------------------
 
+  /** Write what is drawn into the file, and let the run go over to it. Returns whether it is written. */
   async save() {
-    if (!this.ready) return;
+    if (!this.ready) return false;
     this.drawn = await this.written();
     const { drawn } = this;
     try {
@@ -189,7 +194,10 @@ class Edit {
     } catch (error) {
       this.say(messageOf(error));
       await this.compare(); // at once: the news of another file may be on its way
+      return false;
     }
+    await this.running.change();
+    return true;
   }
 
   /** What the server sends: the hash of the file, which somebody else may have changed. */
