@@ -24,9 +24,13 @@ def mission(content: str, *flows: tuple[str, str], more: str = "") -> str:
 
 
 def driving(**named: str) -> str:
-    said = properties(action="drive", type=DRIVE, payload="{distance: 3}", **named)
+    return calling(action="drive", type=DRIVE, payload="{distance: 3}", **named)
+
+
+def calling(name: str = "", **named: str) -> str:
+    task = f'<serviceTask id="t" name="{name}">{properties(**named)}</serviceTask>'
     return mission(
-        f'<startEvent id="s"/><serviceTask id="t">{said}</serviceTask><userTask id="u"/><endEvent id="l"/>'
+        f'<startEvent id="s"/>{task}<userTask id="u"/><endEvent id="l"/>'
         '<boundaryEvent id="b" attachedToRef="t"><errorEventDefinition errorRef="E"/></boundaryEvent>',
         ("s", "t"),
         ("t", "u"),
@@ -146,6 +150,52 @@ def test_with_ask_it_is_an_incident_that_somebody_retries(field: Any) -> None:
     field.engine.running.retry("t")
     field.pass_time(1)
     assert len(field.driver.accepted) == 2
+
+
+def pressing(retry: str, name: str = "") -> str:
+    return calling(name, service="press", type="std_srvs/srv/Trigger", retry=retry)
+
+
+def suspended(field: Any) -> None:
+    field.engine.running.suspension.suspend("ann")
+    field.pass_time(1)
+
+
+def continued(field: Any) -> None:
+    suspended(field)
+    field.engine.running.suspension.go_on("ann")
+
+
+def continued_after_a_crash(field: Any) -> None:
+    suspended(field)
+    again(field)
+    field.engine.running.suspension.go_on("ann")
+
+
+def migrated(field: Any) -> None:
+    retry = field.engine.running.mission.retries().get("t", "safe")
+    field.deploy(pressing(retry, "Press"), "d2", 2, migrate=True)
+    assert field.engine.deployed == "d2"
+
+
+@pytest.mark.parametrize("interrupt", [continued, continued_after_a_crash, migrated])
+@pytest.mark.parametrize("retry", ["safe", "never"])
+def test_a_call_that_was_not_answered_before_a_suspension_follows_retry(field: Any, retry: str, interrupt: Any) -> None:
+    asked: list[DeferredResponse] = []
+
+    def press(request: Any) -> DeferredResponse:
+        asked.append(DeferredResponse())
+        return asked[-1]
+
+    field.middleware.node("button", "A").service("press", "std_srvs/srv/Trigger", press)
+    field.deploy(pressing(retry))
+    assert len(asked) == 1
+    interrupt(field)
+    field.pass_time(2)
+    assert len(asked) == (2 if retry == "safe" else 1)
+    assert field.engine.running.instances[-1].visits.get("l", 0) == (0 if retry == "safe" else 1)
+    fate = "call('press'): its task was suspended before it was answered, and its fate is unknown; retry: never"
+    assert (fate in field.notes) == (retry == "never")
 
 
 def test_a_second_crash_finds_the_same_goal(field: Any) -> None:

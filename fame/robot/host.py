@@ -15,7 +15,7 @@ from fame.bpmn.model import Expression, Task
 from fame.clock import Scheduler, date_at, date_text
 from fame.engine import Engine, Instance
 from fame.engine.program import Compiled
-from fame.engine.state import Trail
+from fame.engine.state import Trail, Wait
 from fame.errors import MissionError, ModelError
 from fame.imports import require
 from fame.middleware import messages
@@ -86,6 +86,7 @@ class EngineHost:
         self._robot, self._mission, self._node, self._options = robot, mission, node, options
         self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
         self.recorder: Outbox | None = None
+        self.unanswered: dict[Wait, str] = {}  # tasks suspended before a service has answered them, and their call
         self.acknowledged: AcknowledgedSignals | None = None
         self.on_suspended: Callable[[Engine], object] = lambda engine: None
         self.observer: Observer | None = observer_of(options.observer) if options.observer is not None else None
@@ -216,6 +217,9 @@ class EngineHost:
         self.runner.start(key, script)
 
     def cancel(self, key: int) -> bool:
+        wait = self.engine.waits.get(key)
+        if wait is not None and wait.paused and (call := self.runner.unanswered(key)):
+            self.unanswered = {one: made for one, made in self.unanswered.items() if one.alive} | {wait: call}
         if self.recorder is not None:
             self.recorder.task_cancelled(key)
         return self.runner.cancel(key)

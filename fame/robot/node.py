@@ -97,7 +97,7 @@ class RobotNode:
         self.host.acknowledged = self.acknowledged
         self.host.hold, self.host.release = self.hold, self.release
         self.runner: Runner = self.host.runner
-        self.runner.on_lost = self._on_lost_request
+        self.runner.on_lost, self.runner.doubtful = self._on_lost_request, self._doubtful
         self.runner.cancelled.on_still_running = partial(self.raise_signal, f"~/{STILL_RUNNING}", "std_msgs/msg/String")
         self.waiting: WaitingTokens = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
         self.host.on_suspended = self.waiting.on_suspended
@@ -375,6 +375,15 @@ class RobotNode:
             self.scheduler.soon(partial(self.engine.keep_script, key, text, "lost"), Kind.RESUMPTION)
         else:
             fail(BpmnError("lost", text))
+
+    def _doubtful(self, key: int, call: str) -> str:
+        """Return why a call of a task that begins again may have been made, if it may not simply be made again."""
+        wait = self.engine.waits.get(key)
+        if wait is None or self.host.unanswered.get(wait) != call:
+            return ""
+        del self.host.unanswered[wait]
+        safe = self.mission.retries().get(wait.node.id, "safe") == "safe"
+        return "" if safe else "its task was suspended before it was answered"
 
     def raise_signal(self, topic: str, type: str, value: Any) -> None:
         """Raise a signal inside this engine, if an event catches it: with `value` if its type, by default `type`, is

@@ -47,6 +47,7 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
         "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
         "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
         "cancelled": host.runner.cancelled.table(),
+        "unanswered": {str(wait.key): call for wait, call in host.unanswered.items() if wait.alive},
     }
 
 
@@ -75,6 +76,12 @@ def follow_cancelled(node: RobotNode, tables: Tables) -> None:
     """Cancel the goals once more that were cancelled before and had not ended, and report them anew."""
     goals = {id: (action, type, False) for id, (action, type, _) in tables.get("cancelled", {}).items()}
     node.runner.cancelled.take_up(goals, node.runner.inbox.action)
+
+
+def take_unanswered(node: RobotNode, tables: Tables) -> None:
+    """Let a restored engine know of the calls that were not answered before their tasks were suspended."""
+    waits, calls = node.engine.waits, tables.get("unanswered", {}).items()
+    node.host.unanswered = {waits[int(key)]: call for key, call in calls if int(key) in waits}
 
 
 def go_on(node: RobotNode) -> None:
@@ -128,6 +135,7 @@ def restored(node: RobotNode, contents: SegmentContents) -> Tables:
         what = ", ".join(f"{old} as {new}" for old, new in moved.items())
         node.host.report("", f"this FAME makes something else of the model, to which the state goes over: {what}")
     node.attach(engine)
+    take_unanswered(node, tables)
     node.suspension.restore(tables.get("suspension", {}), epoch_of(node))
     if node.acknowledged is not None:
         node.acknowledged.restore(tables, epoch_of(node))

@@ -14,7 +14,7 @@ from fame.engine.encoding import Convert, Data, encode
 from fame.engine.migration import MigratedToken, MigrationPlan, arm_new, gone, migrate, preview
 from fame.errors import MissionError
 from fame.robot.node import RobotNode
-from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of
+from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of, take_unanswered
 from fame.robot.stored_values import dump
 from fame.text import DEPTH, is_deep
 
@@ -118,6 +118,7 @@ def transfer_state(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[
     over = [instance for instance in old.instances if instance.status != "running"]
     host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
     new.attach(engine)
+    take_unanswered(new, tables_of(old, epoch_of(old)))
     new.suspension.restore(old.suspension.table(0), 0)
     if new.acknowledged is not None and old.acknowledged is not None:
         new.acknowledged.restore(old.acknowledged.tables(epoch_of(old)), epoch_of(new))

@@ -126,7 +126,8 @@ class Runner:
     types      type of a topic by its full name, None if unknown
 
     `outward`, if set, is asked before a request leaves the robot. `on_lost`, if set, decides on requests whose fate is
-    unknown; else they are made again.
+    unknown; else they are made again. `doubtful` (key, call) says why a call may have been made before; empty if it has
+    not, or may be made again.
     """
 
     def __init__(
@@ -144,6 +145,7 @@ class Runner:
         self.cancelled: CancelledGoals = CancelledGoals(scheduler, partial(report, 0))
         self.outward: Outward | None = None
         self.on_lost: OnLost | None = None
+        self.doubtful: Callable[[int, str], str] = lambda key, call: ""
         self._tasks: dict[int, _Task] = {}
         self._untils: dict[int, _Task] = {}
 
@@ -196,6 +198,11 @@ class Runner:
         """Return whether a script waits for the end of a goal that was sent."""
         task = self._tasks.get(key)
         return task is not None and isinstance(task.request, Act) and task.heard is not None
+
+    def unanswered(self, key: int) -> str:
+        """Return the call that a script has made and awaits, as text; empty without one."""
+        task = self._tasks.get(key)
+        return str(task.request) if task is not None and isinstance(task.request, Call) and task.heard else ""
 
     def server_silence(self, key: int) -> tuple[str, int] | None:
         """Return what is to be known of the server of an awaited request, and since when (ns); None if it is at work.
@@ -423,7 +430,10 @@ class Runner:
             client.call(request.fields, on_response, lost)
             self._hear(task)
 
-        self._when_available(task, client, lambda: self._send(task, client, begin))
+        if doubt := self.doubtful(task.key, str(request)):
+            self._lose(task, client, begin, doubt)
+        else:
+            self._when_available(task, client, lambda: self._send(task, client, begin))
 
     def _act(self, task: _Task, request: Act) -> None:
         client = self.inbox.action(request.action, request.type)
