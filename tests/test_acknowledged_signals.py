@@ -240,6 +240,53 @@ def test_a_new_deployment_of_all_gets_nothing_of_the_old_one():
     assert len(set(kept(field, "B"))) == len(kept(field, "B"))
 
 
+def told(field: Field, robot: str) -> list[str]:
+    """What a robot reports from now on."""
+    said: list[str] = []
+    report = field.engines[robot].running.host.report
+    field.engines[robot].running.host.report = lambda element, text: (said.append(text), report(element, text))
+    return said
+
+
+def test_what_a_new_deployment_ends_before_it_is_acknowledged_is_reported():
+    field = Field("A", "B")
+    field.deploy(team(robots="B"))
+    kill(field, "B")
+    field.pass_time(1)
+    said = told(field, "A")
+    field.deploy(team(robots="B"), id="d2", sequence=2, only=["A"])
+    (text,) = said
+    assert re.fullmatch(
+        r"/tick: B has not acknowledged \d+ of the numbers \d+ to \d+ before the mission was replaced", text
+    )
+
+
+def test_what_a_new_deployment_ends_in_a_queue_is_reported():
+    field = Field("A", "B")
+    slow = team(robots="B").replace("kept = kept + [tick]", "kept = kept + [tick]\nawait sleep(60)")
+    field.deploy(slow)
+    thrown, taken, said = field.variables("A")["n"], kept(field, "B"), told(field, "B")
+    assert (len(taken), thrown > 50) == (1, True)
+    running = field.engines["A"].running
+    field.deploy(slow, id="d2", sequence=2)
+    (text,) = said
+    many = int(re.fullmatch(r"/tick: (\d+) acknowledged signals were not taken from a queue before .*", text)[1])
+    assert running.instances[-1].variables["n"] == len(taken) + many
+
+
+def test_a_process_that_ends_accepts_nothing_that_it_would_lose():
+    field = Field("A", "B")
+    field.deploy(team(robots="B"))
+    thrower, before = field.engines["A"].running, kept(field, "B")
+    assert thrower.acknowledged.owed == []
+    field.engines["B"].running.acknowledged.end()
+    field.pass_time(1)
+    assert thrower.acknowledged.owed == [("B", "/tick")]
+    assert kept(field, "B") == before
+    field.deploy(team(robots="B"), id="d2", sequence=2, only=["B"])
+    assert kept(field, "B")[: len(before) + 1] == [*before, before[-1] + 1]  # the next process gets what was kept
+
+
 def test_without_a_queue_a_signal_that_no_event_waits_for_is_acknowledged_and_lost():
     field = Field("A", "B")
     busy = team(robots="B").replace('<c:property name="queue" value="500"/>', "")

@@ -13,6 +13,7 @@ from fame.robot.delivery_protocol import (
     Answer,
     Answered,
     AskReceiver,
+    Departed,
     Expired,
     Incoming,
     Late,
@@ -65,6 +66,8 @@ FIRST, SECOND = Thrown("s1", 0), Thrown("s2", 0)
         ((FIRST, answered("D", 0, "d1")), [sent("D", 1, 0, "d1")]),
         ((FIRST, Answered("B", "b1", "a0", 7)), [sent("B", 1, 0)]),  # what it has of the thrower's life before
         ((FIRST, answered("B", 0, left=True), Tick(1)), [AskReceiver("C")]),
+        ((FIRST, SECOND, answered("B", 1), answered("B", 0, left=True)), [Departed("B", (Signal(2, TTL, "s2"),))]),
+        ((FIRST, answered("B", 1), answered("B", 0, left=True)), []),
         ((FIRST, Tick(1, ("B", "D"))), [AskReceiver("B"), AskReceiver("C"), AskReceiver("D")]),
         (
             (FIRST, answered("B", 1), Tick(TTL)),
@@ -125,7 +128,8 @@ def test_the_receiver_decides(event, actions):
 class World:
     """Both ends, what is on the way, and what has become of each signal: its text is its sender's life and number.
 
-    `losses`, `restarts`: how often messages may still be lost, and the ends be started anew.
+    `losses`, `restarts`: how often messages may still be lost, and the ends be started anew. `stays`: B may still leave
+    if False; None when it has left.
     """
 
     a: Outgoing
@@ -140,6 +144,7 @@ class World:
     late: frozenset[str] = frozenset()
     losses: int = 1
     restarts: tuple[int, int] = (0, 0)
+    stays: bool | None = True
 
 
 STEPS = {"incoming": step_incoming}
@@ -154,7 +159,7 @@ def perform(world: World, actions) -> World:
                 world = replace(world, there=(*world.there, message))
             case AskReceiver("B"):
                 world = replace(world, there=(*world.there, SignalReceived("A", world.a.life)))
-            case Expired(_, signals):
+            case Expired(_, signals) | Departed(_, signals):
                 world = replace(world, expired=world.expired | {signal.data for signal in signals})
             case Late(_, number):
                 of_life = [data for data in world.sent if data.startswith(world.a.life)]
@@ -173,6 +178,8 @@ def outgoing(world: World, event) -> World:
 
 def arrive_there(world: World) -> World:
     state = Incoming(world.b[0], dict(world.b[1]))
+    if world.stays is None:
+        return replace(world, there=world.there[1:])
     state, actions = STEPS["incoming"](state, world.there[0])
     return perform(replace(world, b=(state.life, tuple(state.accepted.items())), there=world.there[1:]), actions)
 
@@ -183,13 +190,14 @@ def arrive_back(world: World) -> World:
 
 def tick(world: World, step: int) -> World:
     now = min(world.now + step, LAST)
-    return outgoing(replace(world, now=now), Tick(now, ("B",)))
+    return outgoing(replace(world, now=now), Tick(now, ("B",) if world.stays is not None else ()))
 
 
 def successors(world: World) -> Iterator[World]:
     if world.thrown < SIGNALS:
         data = f"{world.a.life} {world.thrown + 1}"
-        sent = replace(world, thrown=world.thrown + 1, sent=(*world.sent, data))
+        nobody = frozenset[str]() if world.a.receivers else {data}  # all have left, as is known
+        sent = replace(world, thrown=world.thrown + 1, sent=(*world.sent, data), expired=world.expired | nobody)
         yield outgoing(sent, Thrown(data, world.now))
     if world.there:
         yield arrive_there(world)
@@ -205,6 +213,9 @@ def successors(world: World) -> Iterator[World]:
         yield tick(world, 0)
         if world.now < LAST:
             yield tick(world, 6)
+    if world.stays is False:
+        left = Answered("B", world.b[0], "", 0, left=True)
+        yield replace(world, stays=None, back=(*world.back, left))
     a, b = world.restarts
     if a:
         yield replace(world, a=Outgoing("a2", TTL, receivers=(Receiver("B"),)), restarts=(0, b))
@@ -230,7 +241,9 @@ def broken(world: World) -> str:
         return f"{wrong} was not late"
     over = quiet(world)
     kept, known = {signal.data for signal in over.a.kept}, {data for _, data in over.accepted} | over.expired
-    if missing := kept - {data for life, data in over.accepted if life == over.b[0]}:
+    if world.stays is None:
+        known |= kept if over.a.receivers else set()  # it was not told: they expire
+    elif missing := kept - {data for life, data in over.accepted if life == over.b[0]}:
         return f"{missing} never reach {over.b[0]}"
     if missing := {data for data in over.sent if data.startswith(over.a.life)} - known:
         return f"nobody knows of {missing}"
@@ -260,8 +273,9 @@ START = World(Outgoing("a1", TTL, receivers=(Receiver("B"),)), ("b1", ()))
         replace(START, restarts=(0, 1), losses=0),
         replace(START, restarts=(1, 0), losses=0),
         replace(START, restarts=(1, 1), losses=0, thrown=1),
+        replace(START, stays=False),
     ],
-    ids=["losses", "receiver", "thrower", "both"],
+    ids=["losses", "receiver", "thrower", "both", "leaves"],
 )
 def test_every_signal_is_accepted_once_and_in_order_or_reported(start):
     assert explore(start, 400_000) > 1000

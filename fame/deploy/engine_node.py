@@ -481,7 +481,10 @@ class EngineNode:
                 old = self.running
                 if self._keeper is not None:
                     self._keeper.stop()  # a crash before the next one is on the disk leaves this one as it was
-                candidate.replace(old, partial(self._protocol.handle, Replaced()), stop=not self._migrates(candidate))
+                ends = not self._migrates(candidate)
+                if ends and old is not None and old.acknowledged is not None:
+                    old.acknowledged.end()
+                candidate.replace(old, partial(self._protocol.handle, Replaced()), stop=ends)
             case RunCandidate():
                 self._run(candidate)
 
@@ -491,7 +494,8 @@ class EngineNode:
         migrates = self._migrates(candidate)
         go_on, timers = self._take_over(candidate, before) if migrates else (candidate.process.start, None)
         if self.running is not None and self.running.acknowledged is not None and not migrates:
-            self.running.acknowledged.leave()
+            self.running.acknowledged.report_owed()
+            self.running.acknowledged.leave(candidate.process.acknowledged)
         if self.running is not None:
             runner = candidate.process.runner
             runner.cancelled.take_up(self.running.runner.cancelled.table(), runner.inbox.action)

@@ -17,6 +17,7 @@ import orjson
 
 from fame.clock import SECOND, Entry, Kind
 from fame.engine.host import BpmnError
+from fame.engine.state import Mailbox
 from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.interface import AnyMessage, QoS
@@ -26,6 +27,7 @@ from fame.robot.delivery_protocol import (
     Answer,
     Answered,
     AskReceiver,
+    Departed,
     Expired,
     Incoming,
     Late,
@@ -82,7 +84,7 @@ class AcknowledgedSignals:
             if use.throws
         }
         self.incoming: dict[str, Incoming] = {name: Incoming(self.life) for name, use in uses.items() if use.catches}
-        self._begun = False
+        self._begun, self._catches = False, True
         self._timer: Entry | None = None
         self._trips: dict[tuple[str, str], RoundTrip] = {}
         self._congested: set[tuple[str, str]] = set()
@@ -127,12 +129,35 @@ class AcknowledgedSignals:
             for robot in self._others(_answers(name, "")):
                 self._answer(name, Answer(robot, "", 0))
 
-    def leave(self) -> None:
-        """Tell the throwers that this process catches nothing any more: another one replaces it, or it never starts."""
+    def leave(self, successor: AcknowledgedSignals | None = None) -> None:
+        """Tell the throwers what this process catches no more: another one replaces it, or it never starts.
+
+        What the `successor` catches, too, it announces itself, and gets what the throwers still keep.
+        """
         for name, state in self.incoming.items():
+            if successor is not None and name in successor.incoming:
+                continue
             known = {robot for robot, _ in state.accepted} | set(self._others(_answers(name, "")))
             for robot in sorted(known):
                 self._answer(name, Answer(robot, "", 0), left=True)
+
+    def end(self) -> None:
+        """Accept nothing more: the process has ended, and would lose it. Report what waits in its queues."""
+        self._catches = False
+        listeners = self._node.engine.listeners
+        for name in self.incoming:
+            boxes = [box for box in listeners.get(name, ()) if isinstance(box, Mailbox)]
+            if many := sum(len(box.messages) for box in boxes):
+                self._report(
+                    f"{name}: {many} acknowledged signals were not taken from a queue before the mission was replaced"
+                )
+
+    def report_owed(self) -> None:
+        """Report what nobody will send again: another process replaces this one."""
+        for name, state in self.outgoing.items():
+            for receiver in state.receivers:
+                if owed := tuple(state.owed(receiver)):
+                    self._report_missed(name, receiver.robot, owed, "before the mission was replaced")
 
     def close(self) -> None:
         """Stop sending signals again, and handling what comes."""
@@ -196,7 +221,9 @@ class AcknowledgedSignals:
                     self._trip(name, robot).asked(self._node.scheduler.now)
                     self._leave(_signals(name, robot), self._own(name, {}))
                 case Expired(robot, signals):
-                    self._report_expired(name, robot, signals)
+                    self._report_missed(name, robot, signals, f"within {self.outgoing[name].ttl / SECOND:g} s")
+                case Departed(robot, signals):
+                    self._report_missed(name, robot, signals, "before it left")
                 case Late(robot, number):
                     self._report(f"{name}: {robot} has acknowledged number {number} after all, which was reported")
         state, scheduler = self.outgoing[name], self._node.scheduler
@@ -246,10 +273,10 @@ class AcknowledgedSignals:
             trip = self._trips[name, robot] = RoundTrip()
         return trip
 
-    def _report_expired(self, name: str, robot: str, signals: tuple[Signal, ...]) -> None:
-        first, last, ttl = signals[0].number, signals[-1].number, self.outgoing[name].ttl / SECOND
+    def _report_missed(self, name: str, robot: str, signals: tuple[Signal, ...], when: str) -> None:
+        first, last = signals[0].number, signals[-1].number
         numbers = f"number {first}" if first == last else f"{len(signals)} of the numbers {first} to {last}"
-        self._report(f"{name}: {robot} has not acknowledged {numbers} within {ttl:g} s", UNDELIVERED)
+        self._report(f"{name}: {robot} has not acknowledged {numbers} {when}", UNDELIVERED)
 
     def _report(self, text: str, signal: str = "") -> None:
         """Report to people, and by a `signal` to the process itself."""
@@ -267,6 +294,8 @@ class AcknowledgedSignals:
             _text(content["robot"]), _text(content["life"]), _text(content.get("receiver", "")),
             _number(content.get("follows", 0)), _number(content.get("number", 0)), _text(content.get("data", "")),
         )  # fmt: skip
+        if not self._catches:
+            return
         if event.robot in self._membership.team and _number(content["sequence"]) < self._membership.sequence:
             return  # a process that is being replaced, together with the one of before
         message = codec.deserialize(b64decode(event.data), self._types[name]) if event.number else None

@@ -18,7 +18,7 @@ Invariants, tried for every reachable state of both ends and the channels betwee
 ``tests/test_delivery_protocol.py``:
 
 - A life of a receiver accepts a signal at most once, and signals of one life of a sender in their order.
-- It accepts each one, or the sender reports that it has expired, or has been told that the receiver left.
+- It accepts each one, or the sender reports that it has expired, or that the receiver left before.
 - A receiver that does not answer keeps no other one waiting.
 
 The window is that of a congestion control (RFC 5681): it begins at `WINDOW`, grows by one for each signal that is
@@ -161,6 +161,14 @@ class Expired:
 
 
 @dataclass(frozen=True, slots=True)
+class Departed:
+    """Report that a robot has left, and has not acknowledged some signals."""
+
+    robot: str
+    signals: tuple[Signal, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Late:
     """Report that a robot has accepted a signal after all that was reported as expired."""
 
@@ -169,7 +177,7 @@ class Late:
 
 
 OutgoingEvent = Thrown | Answered | Tick
-OutgoingAction = Transmit | AskReceiver | Expired | Late
+OutgoingAction = Transmit | AskReceiver | Expired | Departed | Late
 
 
 def step_outgoing(state: Outgoing, event: OutgoingEvent) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
@@ -181,7 +189,7 @@ def step_outgoing(state: Outgoing, event: OutgoingEvent) -> tuple[Outgoing, tupl
             state, sent = _send_on(replace(state, last=signal.number, kept=(*state.kept, signal)))
             return state, (*expired, *sent)
         case Answered(left=True):
-            return _without(state, event), ()
+            return _without(state, event)
         case Answered():
             state, late = _answered(state, event)
             state, sent = _send_on(state)
@@ -233,10 +241,12 @@ def _answered(state: Outgoing, event: Answered) -> tuple[Outgoing, tuple[Outgoin
     return noted, (Late(event.robot, number),) if late else ()
 
 
-def _without(state: Outgoing, event: Answered) -> Outgoing:
+def _without(state: Outgoing, event: Answered) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
     """Forget a receiver that has left, unless it was started anew."""
     left = [one for one in state.receivers if one.robot == event.robot and one.life in ("", event.life)]
-    return replace(state, receivers=tuple(one for one in state.receivers if one not in left))
+    owed = tuple(signal for one in left for signal in state.owed(one))
+    rest = replace(state, receivers=tuple(one for one in state.receivers if one not in left))
+    return rest, (Departed(event.robot, owed),) if owed else ()
 
 
 def _send_on(state: Outgoing) -> tuple[Outgoing, tuple[OutgoingAction, ...]]:
