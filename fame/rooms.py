@@ -25,6 +25,7 @@ class Room(NamedTuple):
 
 ROOMS: Mapping[str, Room] = {
     "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
+    "foxglove": Room(("fame.log.foxglove",), "a team live in Foxglove", "foxglove"),
     "edit": Room(("fame.edit", "fame.cli.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
     "monitor": Room(("fame.monitor", "robots.arm", "fame.cli.monitor"), "learned models", "ml"),
@@ -258,6 +259,7 @@ EXPLORE_OBJECTION = "fame.scenario.explore.exploration:objection"
 EXPLORE_OPTIONS = "fame.cli.exploration:add_arguments"
 EXPLORE_RUN = "fame.cli.exploration:run"
 FINDING_AS_JSON = "fame.cli.exploration:finding_as_json"
+FOXGLOVE = "fame.log.foxglove:FoxgloveServer"
 JAVASCRIPT_HOST = "fame.scripting.javascript:HostApi"
 JUDGE_COMMAND = "fame.cli.judging:judge"
 JUDGE_FOR = "fame.cli.judging:live_judge"

@@ -1,18 +1,25 @@
-"""Recordings in Foxglove and Lichtblick: what their readers take of a schema, and the layout in docs."""
+"""Foxglove and Lichtblick: what their readers take of a recording's schema, the layout in docs, a team served live."""
 
 from __future__ import annotations
 
 import json
 import re
+import signal
+import struct
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from recorded_runs import record
 
+from fame.errors import ConfigError
 from fame.log import Recording
-from fame.log.channels import CHANNELS
+from fame.log.channels import CHANNELS, EVENTS, GROUND, KEY, WORLD
+from fame.middleware import messages
 from fame.scenario import Scenario
 
 ROOT = Path(__file__).parent.parent
@@ -97,3 +104,110 @@ def test_the_paths_of_the_layout_have_values_in_a_recording(path: str, recording
 
 def test_the_topics_of_the_world_are_those_of_recordings(recording: Recording) -> None:
     assert set(LAYOUT["configById"]["3D!world"]["topics"]) <= set(recording.topics)
+
+
+# ---- live ------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Client]:
+    client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
+    with client.connect(address, subprotocols=["foxglove.sdk.v1"]) as socket:
+        yield Client(socket)
+
+
+class Client:
+    """A client of their websocket protocol: it subscribes to topics as they are advertised."""
+
+    def __init__(self, socket: Any) -> None:
+        self.socket = socket
+        self.channels: dict[int, dict[str, Any]] = {}
+
+    def messages(self, *topics: str) -> Iterator[tuple[str, int, bytes]]:
+        """Topic, time (ns) and content of each message that comes."""
+        while True:
+            got = self.socket.recv(timeout=60)
+            if isinstance(got, bytes):
+                kind, number, time = struct.unpack("<BIQ", got[:13])
+                assert kind == 1
+                yield self.channels[number]["topic"], time, got[13:]
+            elif (said := json.loads(got))["op"] == "advertise":
+                new = {channel["id"]: channel for channel in said["channels"] if channel["topic"] in topics}
+                self.channels |= new
+                self._subscribe(*new)
+            elif refused := re.search(r"Unknown channel ID: (\d+)", said.get("message", "")):
+                self._subscribe(int(refused[1]))  # the server knows it a moment after it has advertised it
+
+    def _subscribe(self, *numbers: int) -> None:
+        wanted = [{"id": number, "channelId": number} for number in numbers]
+        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+
+@pytest.fixture
+def server() -> Iterator[Any]:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    from fame.log.foxglove import FoxgloveServer
+
+    with FoxgloveServer() as made:
+        yield made
+
+
+def test_a_client_gets_the_last_message_of_a_topic_but_no_event_again(server: Any) -> None:
+    ground = {"deletions": [], "entities": []}
+    server.sink.put(GROUND, 1, {"deletions": [], "entities": [{"id": "old"}]})
+    server.sink.put(EVENTS, 2, {"robot": "REX", "events": ["past"]})
+    server.sink.put(GROUND, 3, ground)
+    with connected(server.address) as client:
+        came = client.messages(EVENTS, GROUND)
+        topic, time, data = next(came)
+        assert (topic, time, json.loads(data)) == (GROUND, 3, ground)
+        server.sink.put(EVENTS, 4, {"robot": "REX", "events": ["now"]})
+        topic, time, data = next(came)
+        assert (topic, time, json.loads(data)) == (EVENTS, 4, {"robot": "REX", "events": ["now"]})
+        schemas = {each["topic"]: (each["schemaName"], json.loads(each["schema"])) for each in client.channels.values()}
+        assert schemas == {topic: CHANNELS[topic] for topic in (EVENTS, GROUND)}
+
+
+def test_a_topic_of_a_robot_has_one_channel_of_ros(server: Any) -> None:
+    numbers = {server.sink.message_channel("/hello", "std_msgs/msg/String", node) for node in ("/a/x", "/b/x")}
+    (number,) = numbers
+    server.sink.message(number, 5, messages.create("std_msgs/msg/String", "hi"))
+    with connected(server.address) as client:
+        assert next(client.messages("/hello")) == ("/hello", 5, b"\0\1\0\0\3\0\0\0hi\0")
+        (channel,) = client.channels.values()
+        assert (channel["encoding"], channel["schemaEncoding"]) == ("cdr", "ros2msg")
+        assert (channel["schemaName"], channel["schema"].split("#")[0].strip()) == (
+            "std_msgs/msg/String",
+            "string data",
+        )
+
+
+def test_an_address_that_cannot_be_opened_is_said_in_one_line(server: Any) -> None:
+    from fame.log.foxglove import FoxgloveServer
+
+    port = int(server.address.rpartition(":")[2])
+    assert server.address == f"ws://127.0.0.1:{port}"
+    with pytest.raises(ConfigError, match=rf"^Foxglove cannot be served at 127.0.0.1:{port}: .+$"):
+        FoxgloveServer(port=port)
+
+
+@pytest.mark.processes
+def test_foxglove_shows_a_team_in_many_processes() -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    words = [sys.executable, "-m", "fame"]
+    run = [*words, "run", "examples/ground_vehicles.yaml", "--middleware", "dds", "--duration", "60", "--quiet"]
+    with (
+        subprocess.Popen([*words, "view", "--foxglove", "0"], stdout=subprocess.PIPE, text=True, cwd=ROOT) as viewer,
+        subprocess.Popen(run, cwd=ROOT) as team,
+    ):
+        assert viewer.stdout is not None
+        wanted, seen = {KEY, EVENTS, WORLD, GROUND, "/REX/odom"}, dict[str, Any]()
+        with connected(viewer.stdout.readline().strip()) as client:
+            for topic, _, data in client.messages(*wanted):
+                seen[topic] = data
+                if seen.keys() == wanted:
+                    break
+        assert {each["id"] for each in json.loads(seen[WORLD])["entities"]} == {"REX", "DINGO"}
+        viewer.send_signal(signal.SIGINT)
+        assert viewer.wait(30) == 0
+        team.terminate()

@@ -35,8 +35,9 @@ def test_every_import_outside_of_the_base_installation_has_its_sentence() -> Non
 
 def test_the_extras_that_are_told_exist_and_have_the_package() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-    other_name = {"PIL": "pillow", "prometheus_client": "prometheus-client", "quickjs": "quickjs-ng",
-                  "resvg_py": "resvg-py", "sklearn": "scikit-learn", "zenoh": "eclipse-zenoh"}  # fmt: skip
+    other_name = {"PIL": "pillow", "foxglove": "foxglove-sdk", "prometheus_client": "prometheus-client",
+                  "quickjs": "quickjs-ng", "resvg_py": "resvg-py", "sklearn": "scikit-learn",
+                  "zenoh": "eclipse-zenoh"}  # fmt: skip
     lacking = [
         package for package, (_, extra) in EXTRAS.items()
         if not any(each.startswith(other_name.get(package, package)) for each in extras[extra])
@@ -80,6 +81,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "zenoh": (*(f"{command} --middleware zenoh" for command in ON_NETWORK), "router"),
     "xxhash": ("status --middleware zenoh",),
     "cryptography": ("keys new team", "deploy MODEL --key team.key", "engine REX --trust team.pub"),
+    "foxglove": ("view --foxglove 0",),
     "prometheus_client": ("engine REX --metrics 9", ),
 }  # fmt: skip
 

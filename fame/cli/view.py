@@ -30,16 +30,18 @@ from fame.cli.arguments import (
 from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
-from fame.rooms import JUDGE_FOR, MONITOR_INPUTS, MONITOR_LABEL, MONITOR_ON_PAGE, load
+from fame.rooms import FOXGLOVE, JUDGE_FOR, MONITOR_INPUTS, MONITOR_LABEL, MONITOR_ON_PAGE, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.log import Recording
+    from fame.log.team_recorder import RecordingJudge
     from fame.middleware.interface import Middleware
     from fame.scenario import Scenario
     from fame.view import HeatMap, LiveRun, ModelWatch, PageSource, Replay
 
 SECOND = 1_000_000_000
+PORT = whole("a port from 0 to 65535", 0, 65535)
 
 _EXAMPLES = (
     "fame view run.mcap",
@@ -50,6 +52,7 @@ _EXAMPLES = (
     "fame view out/runs",
     "fame view models/agriculture.bpmn",
     "fame view --robot REX --control",
+    "fame view --foxglove 8765",
 )
 
 
@@ -95,6 +98,11 @@ def add(commands: Commands) -> None:
         "on them",
     )  # fmt: skip
     parser.add_argument(
+        "--foxglove", type=PORT, metavar="PORT",
+        help="team: instead of the page, serve Foxglove at ws://ADDRESS:PORT (0: any free port): world, events, waits, "
+        "variables, the robots' topics",
+    )  # fmt: skip
+    parser.add_argument(
         "--change", type=Path, metavar="MODEL.bpmn",
         help="with --allow deploy: show at each save what this model would change, beside those dropped on the page",
     )  # fmt: skip
@@ -114,7 +122,7 @@ def add_address(parser: Parser) -> None:
     """``--port``, ``--host``, ``--tls``, ``--no-open``."""
     parser.add_argument(
         "--port",
-        type=whole("a port from 0 to 65535", 0, 65535),
+        type=PORT,
         default=0,
         metavar="N",
         help="port of the page (any free one)",
@@ -161,8 +169,8 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("--without is for a page that is written: fame view RUN.mcap -o RUN.html")
     if path is None:
         return _team(arguments)
-    for name in ("control", "allow", "change", "robot"):
-        if getattr(arguments, name):
+    for name in ("control", "allow", "change", "robot", "foxglove"):
+        if getattr(arguments, name) not in (None, False, []):
             raise ConfigError(f"--{name} is for a running team: fame view without a file", file=str(path))
     if arguments.branch is not None:
         return _branch(arguments)
@@ -248,6 +256,8 @@ def _team(arguments: Namespace) -> int:
     key, judging = private_key(arguments), None
     if arguments.properties is not None:
         judging = load(JUDGE_FOR)(arguments, note)
+    if arguments.foxglove is not None:
+        return _foxglove(arguments, judging)
     with ExitStack() as served:
 
         def build(scheduler: WallScheduler, middleware: Middleware) -> TeamView:
@@ -260,6 +270,26 @@ def _team(arguments: Namespace) -> int:
             served.enter_context(serving(view, arguments))
             note(_STAYS)
             return view
+
+        serve(arguments.middleware, arguments.network, build)
+    return 0
+
+
+def _foxglove(arguments: Namespace, judging: RecordingJudge | None) -> int:
+    """Serve the team on the network to Foxglove, until Ctrl-C."""
+    from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
+    from fame.scenario import serve
+
+    if arguments.control or vars(arguments)["as"]:
+        raise ConfigError("--foxglove only shows the team: --control is for the page")
+    options = TeamRecorderOptions(robots=frozenset(arguments.robot), topics="all", models=False)
+    with load(FOXGLOVE)(arguments.host, arguments.foxglove, arguments.tls) as server:
+
+        def build(scheduler: WallScheduler, middleware: Middleware) -> TeamRecorder:
+            recorder = TeamRecorder(middleware, scheduler, lambda: server.sink, options, note=note, judging=judging)
+            print(server.address, flush=True)
+            note("Foxglove is served until Ctrl-C.")
+            return recorder
 
         serve(arguments.middleware, arguments.network, build)
     return 0

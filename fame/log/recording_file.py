@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 from fame.fast_json import json_bytes
 from fame.log.channels import CHANNELS, FORMAT
@@ -14,7 +14,6 @@ from fame.version import current as fame_version
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
-    from fame.log.mcap_writer import McapWriter
     from fame.middleware.messages import Message
 
 
@@ -44,13 +43,23 @@ class Sink:
         """Take the end."""
 
 
-class RecordingFile(Sink):
-    """An MCAP file with the channels of a recording, written message by message."""
+class ChannelWriter(Protocol):
+    """What a `ChannelSink` writes to: `fame.log.mcap_writer.McapWriter` says what each method does."""
 
-    def __init__(self, stream: BinaryIO) -> None:
-        from fame.log.mcap_writer import McapWriter
+    def schema(self, name: str, encoding: str, data: bytes) -> int: ...
+    def channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int: ...
+    def message(self, channel: int, time: int, data: bytes) -> None: ...
+    def metadata(self, name: str, data: Mapping[str, str]) -> None: ...
+    def attachment(self, name: str, media_type: str, data: bytes) -> None: ...
+    def flush(self) -> None: ...
+    def finish(self) -> None: ...
 
-        self._writer: McapWriter = McapWriter(stream, f"fame {fame_version()}")
+
+class ChannelSink(Sink):
+    """Writes the channels of a recording, message by message."""
+
+    def __init__(self, writer: ChannelWriter) -> None:
+        self._writer = writer
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
 
@@ -79,12 +88,14 @@ class RecordingFile(Sink):
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
         """Write a message of one of `CHANNELS` at a time (ns), as JSON."""
-        channel = self._channels.get(topic)
-        if channel is None:
-            name, schema = CHANNELS[topic]
-            schema_id = self._writer.schema(name, "jsonschema", json.dumps(schema).encode())
-            channel = self._channels[topic] = self._writer.channel(topic, "json", schema_id, {})
-        self._writer.message(channel, time, json_bytes(data))
+        self._writer.message(self._channels.get(topic) or self.open(topic), time, json_bytes(data))
+
+    def open(self, topic: str) -> int:
+        """Return the number of the channel, from 1 on, that one of `CHANNELS` has from now on."""
+        name, schema = CHANNELS[topic]
+        schema_id = self._writer.schema(name, "jsonschema", json.dumps(schema).encode())
+        self._channels[topic] = number = self._writer.channel(topic, "json", schema_id, {})
+        return number
 
     def message(self, channel: int, time: int, message: Message) -> None:
         """Write a message of the mission."""
@@ -102,3 +113,12 @@ class RecordingFile(Sink):
 
     def finish(self) -> None:
         self._writer.finish()
+
+
+class RecordingFile(ChannelSink):
+    """An MCAP file with the channels of a recording, written message by message."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        from fame.log.mcap_writer import McapWriter
+
+        super().__init__(McapWriter(stream, f"fame {fame_version()}"))
