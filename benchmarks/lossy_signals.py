@@ -21,6 +21,7 @@ import struct
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -62,7 +63,8 @@ def link(pids: list[int], loss: float, delay: float, seed: int) -> None:
                 heapq.heappush(late, (time.monotonic() + delay, number, ends[end == ends[0]], frame))
         while late and late[0][0] <= time.monotonic():
             _, _, end, frame = heapq.heappop(late)
-            os.write(end, frame)
+            with suppress(OSError):  # the other interface is not up yet
+                os.write(end, frame)
 
 
 def run(middleware: str, loss: float, rate: int, seconds: float, seed: int) -> dict[str, Any]:
