@@ -42,9 +42,9 @@ PAGE := .ci/page
 
 # The middleware of two releases of ROS, as PyPI has it: rclpy on Fast DDS.
 JAZZY := ros-rclpy==7.1.6 ros-rmw-fastrtps-cpp==8.4.3 ros-fastrtps==2.14.5 ros-std-msgs==5.3.6 ros-std-srvs==5.3.6 \
-	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-test-msgs==2.0.3
+	ros-geometry-msgs==5.3.6 ros-sensor-msgs==5.3.6 ros-nav-msgs==5.3.6 ros-visualization-msgs==5.3.6 ros-test-msgs==2.0.3
 KILTED := ros-rclpy==9.1.2 ros-rmw-fastrtps-cpp==9.3.3 ros-std-msgs==5.5.1 ros-std-srvs==5.5.1 \
-	ros-geometry-msgs==5.5.1 ros-sensor-msgs==5.5.1 ros-nav-msgs==5.5.1 ros-test-msgs==2.3.0
+	ros-geometry-msgs==5.5.1 ros-sensor-msgs==5.5.1 ros-nav-msgs==5.5.1 ros-visualization-msgs==5.5.1 ros-test-msgs==2.3.0
 FASTDDS_TESTS := $(addprefix tests/,test_fastdds.py test_middleware_contract.py)
 
 # Another Python, and tests of what differs between versions: parsing of scripts, generators, regular expressions, dates.

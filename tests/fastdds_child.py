@@ -1,7 +1,7 @@
 """A node of rclpy on Fast DDS, for `test_fastdds`: ``python fastdds_child.py DOMAIN``. It knows nothing of FAME.
 
 It answers on /answer what it hears on /ask, with as many characters; offers a service and an action; says on /answer
-if a goal was cancelled; has a client of a service of FAME's; and ends after a minute.
+if a goal was cancelled, and what markers say; has a client of a service of FAME's; and ends after a minute.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
+from visualization_msgs.msg import MarkerArray
 
 STEP = 0.05  # s
 
@@ -28,6 +29,7 @@ class Stranger(Node):
         super().__init__("stranger", namespace="/OTHER")
         self._answer = self.create_publisher(String, "/answer", 10)
         self.create_subscription(String, "/ask", self._hear, 10)
+        self.create_subscription(MarkerArray, "/mission_markers", self._show, 10)
         self.create_service(SetBool, "twice", self._twice)
         self._client = self.create_client(SetBool, "/REX/ours")
         self._server = ActionServer(
@@ -41,6 +43,11 @@ class Stranger(Node):
 
     def _hear(self, message: Any) -> None:
         self._answer.publish(String(data="b" * len(message.data)))
+
+    def _show(self, array: Any) -> None:
+        self._answer.publish(
+            String(data=" ".join(f"{one.ns} {one.header.frame_id} {one.text}" for one in array.markers))
+        )
 
     def _twice(self, request: Any, response: Any) -> Any:
         response.success, response.message = True, str(request.data) * 2

@@ -23,6 +23,8 @@ from domains import PROCESSES
 from middleware_contract import DOMAIN, World, dds_world, ros_world
 
 from fame.clock import SECOND
+from fame.deploy import Report
+from fame.deploy.markers import MarkerPublisher
 from fame.errors import MessageError
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Node
@@ -104,6 +106,21 @@ def test_the_graph_shows_the_nodes_of_both(here: World, request: pytest.FixtureR
     topics = {topic.name: topic for topic in middleware.graph()}
     assert (topics["/answer"].publishers, topics["/answer"].subscribers) == (("/OTHER/stranger",), ("/REX/us",))
     assert topics["/ask"].types == (TEXT,)
+
+
+def test_rclpy_reads_the_markers_of_a_mission(here: World) -> None:
+    node, heard = here.node("us", "REX"), list[str]()
+    node.subscription("/answer", TEXT, lambda message: heard.append(message.data))
+    show = MarkerPublisher(node, "REX/base_link", lambda: None)
+    report = Report(robot="REX", state="running", time=0.0)
+
+    def answered() -> bool:
+        show(report)  # until the stranger has found the publisher, and is found
+        here.settle()
+        return bool(heard)
+
+    here.until(answered)
+    assert heard[0] == "REX/state REX/base_link REX: running"
 
 
 @on_dds

@@ -111,6 +111,11 @@ def _add_storage(parser: ArgumentParser) -> None:
         help="publish the state of the mission on /diagnostics (diagnostic_msgs), once a second",
     )  # fmt: skip
     parser.add_argument(
+        "--markers", default="", metavar="FRAME",
+        help="publish the mission for RViz on /mission_markers, once a second: the state at the robot's FRAME (such as "
+        "NAME/base_link), goals, zones",
+    )  # fmt: skip
+    parser.add_argument(
         "--metrics", type=_address, metavar="[ADDRESS:]PORT",
         help="serve the state of the mission to Prometheus, at http://ADDRESS:PORT/metrics (127.0.0.1: to this machine "
         "only)",
@@ -238,6 +243,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
             seed=arguments.seed,
             hold_errors=arguments.on_error == "hold",
             diagnostics=arguments.diagnostics,
+            markers=arguments.markers.replace("NAME", arguments.name),
             on_status=metrics,
             lifecycle=arguments.lifecycle,
         )

@@ -216,12 +216,16 @@ class EngineNode:
             self.status.publish(answer, id, reason, cause=cause)
 
     def _watch_reports(self) -> Callable[[Report], None]:
-        """What passes reports on, also to ``/diagnostics`` if somebody wants it."""
+        """What passes reports on, also to ``/diagnostics`` and RViz if somebody wants it."""
         watchers = list(self._options.on_status)
         if self._options.diagnostics:
             from fame.deploy.diagnostics import DiagnosticsPublisher
 
             watchers.append(DiagnosticsPublisher(self.node, self._wall_time))
+        if frame := self._options.markers:
+            from fame.deploy.markers import MarkerPublisher
+
+            watchers.append(MarkerPublisher(self.node, frame, lambda: self.running))
 
         def pass_on(report: Report) -> None:
             for watcher in watchers:

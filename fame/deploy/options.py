@@ -42,6 +42,7 @@ class EngineOptions(RobotOptions):
     log        takes what live views get, with and without subscribers
     recordings folder of the files of `log`, which others may fetch (`fame.deploy.log_server`)
     diagnostics     publish reports on ``/diagnostics``, too
+    markers    publish the mission for RViz, in this frame of the robot (`fame.deploy.markers`); empty: do not
     on_status  get its reports, too
     lifecycle  be a managed node of ROS: missions run while it is active (`fame.deploy.lifecycle`)
     """
@@ -58,6 +59,7 @@ class EngineOptions(RobotOptions):
     log: FeedLog | None = None
     recordings: Path | None = None
     diagnostics: bool = False
+    markers: str = ""
     on_status: Sequence[Callable[[Report], object]] = ()
     lifecycle: bool = False
 
