@@ -98,6 +98,16 @@ def test_a_run_pauses_where_a_token_comes_to_an_element(run: EditedRun) -> None:
         run.control({"do": "run_to", "to": "z"})
 
 
+def test_only_a_page_with_another_run_is_told_to_begin_anew(run: EditedRun) -> None:
+    kinds = [[one["type"] for one in news] for known, news in (run.news(None), run.news(run.news(None)[0]))]
+    assert kinds == [[], []]
+    known = run.news(None)[0]
+    begin(run)
+    assert [run.news(one)[1][0]["type"] for one in (None, known)] == ["reload", "begin"]
+    run.control({"do": "end"})
+    assert run.news(run.news(None)[0])[1] == []
+
+
 def test_the_run_goes_over_to_the_changed_model_where_it_is(run: EditedRun, model: Path) -> None:
     begin(run, "c")
     drawn = engine(run).instances[1].root_variables["drawn"]

@@ -93,12 +93,10 @@ class EditedRun(Closing):
         return self._shown.tasks(element)
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
-        number, run = self._number, self._run
-        if run is None:
-            return (number, None), [] if known in (None, (number, None)) else [{"type": "begin"}, {"type": "reload"}]
-        old = known[1] if known is not None and known[0] == number else None
-        has, news = run.news(old)
-        return (number, has), [*([{"type": "begin"}] if old is None else []), *news]
+        run, (which, old) = self._run, known or (None, None)
+        begins = [{"type": "begin"}] if known is not None and which is not run else []  # it has blocks of another one
+        has, news = run.news(old if which is run else None) if run is not None else (None, [])
+        return (run, has), [*begins, *news]
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         """Carry out a command: ``begin`` (to an element: `to`), ``again``, ``end``; ``change`` to the model as it is.

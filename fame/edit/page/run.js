@@ -83,13 +83,17 @@ export class Running {
   /** Run, or go on, with what is drawn; or stop. */
   async play() {
     if (this.runs && !this.status.paused) await this.send({ do: "pause" });
-    else if (!this.edit.dirty || (await this.edit.save()))
-      await (this.runs ? this.send({ do: "resume" }) : this.begin({ do: "begin" }));
+    else if (await this.saved()) await (this.runs ? this.send({ do: "resume" }) : this.begin({ do: "begin" }));
+  }
+
+  /** Whether the file has what is drawn, also a model that is new. */
+  async saved() {
+    return (this.runs && !this.edit.dirty) || (await this.edit.save());
   }
 
   async runTo(id) {
-    if (this.edit.dirty && !(await this.edit.save())) return;
-    await (this.runs ? this.send({ do: "run_to", to: id }) : this.begin({ do: "begin", to: id }));
+    if (await this.saved())
+      await (this.runs ? this.send({ do: "run_to", to: id }) : this.begin({ do: "begin", to: id }));
   }
 
   /** Let the run go over to the model as it is in the file now. */

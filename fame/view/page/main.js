@@ -230,6 +230,7 @@ export class App {
 
   news(news) {
     if (news.type === "beat") return;
+    if (news.type === "begin") return void location.reload(); // another run
     this.store.take(news, this.mission);
     if (news.type === "index") {
       this.prefetch();
