@@ -192,6 +192,15 @@ def test_nodes_of_others_are_known_by_what_they_say_of_themselves(here: WallWorl
     here.until(lambda: (us.graph(), us.namespaces()) == ([], []))
 
 
+def test_heartbeats_ask_before_a_closing_publisher_has_lingered() -> None:
+    for network in (None, "eth0"):
+        text = configuration(network)
+        asks, lingers = (
+            int(re.search(rf"<{name}[^>]*>(\d+)ms", text)[1]) for name in ("HeartbeatInterval", "WriterLingerDuration")
+        )
+        assert asks < lingers
+
+
 @pytest.mark.long
 def test_every_type_can_be_declared(here: WallWorld, stranger: DomainParticipant) -> None:
     kinds = [(name, header) for name in messages.types() for header in (False, True)]

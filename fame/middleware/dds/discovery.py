@@ -89,6 +89,7 @@ class Discovery:
         participant = entities.participant
         self.participant: bytes = participant.guid.bytes
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
+        self._on_topics: dict[str, dict[bytes, DiscoveredEndpoint]] = {}
         self.nodes: dict[bytes, tuple[NodeEntry, ...]] = {}
         self._lock = threading.RLock()
         data = wire.type_hash(PARTICIPANT)
@@ -143,7 +144,8 @@ class Discovery:
 
     def on_topic(self, topic: str) -> list[DiscoveredEndpoint]:
         """Return the endpoints of a DDS topic."""
-        return [endpoint for endpoint in self.all_endpoints() if endpoint.topic == topic]
+        with self._lock:
+            return list(self._on_topics.get(topic, {}).values())
 
     def all_nodes(self) -> list[NodeEntry]:
         with self._lock:
@@ -161,6 +163,10 @@ class Discovery:
         if sample.sample_info.instance_state != InstanceState.Alive:
             if known is not None:
                 went.append(self.endpoints.pop(gid))
+                ends = self._on_topics[known.topic]
+                del ends[gid]
+                if not ends:
+                    del self._on_topics[known.topic]
         elif known is None:
             qos, data = sample.qos
             self.endpoints[gid] = endpoint = DiscoveredEndpoint(
@@ -172,6 +178,7 @@ class Discovery:
                 qos,
                 data.get("typehash", ""),
             )
+            self._on_topics.setdefault(endpoint.topic, {})[gid] = endpoint
             came.append(endpoint)
 
     def _on_nodes(self, data: bytes) -> None:

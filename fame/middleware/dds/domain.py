@@ -35,15 +35,12 @@ _SHARED = f"""
 <Internal>
   <MaxSampleSize>{MAX_MESSAGE_SIZE} B</MaxSampleSize>
   <WriterLingerDuration>200ms</WriterLingerDuration>
-  <HeartbeatInterval minsched="5ms">10ms</HeartbeatInterval>
 </Internal>
 """
 """A killed participant counts as gone after the lease (ROS 2 leaves it at 10 s). One that was only stopped is found
 again when it announces itself next: Cyclone does so every 30 s, here each lease, at least every 3 s. A closing
 publisher lingers for readers that have not acknowledged everything: Cyclone's 1 s would add up over many publishers if
-one reader is dead. Readers acknowledge when a heartbeat asks: at Cyclone's interval of 100 ms each process that had
-just stopped its robot lingered for the full 200 ms, and the next process waited. Fragments of a message above the
-maximum size are not assembled."""
+one reader is dead. Fragments of a message above the maximum size are not assembled."""
 
 _LOOPBACK = """
 <General>
@@ -55,10 +52,15 @@ _LOOPBACK = """
   <MaxAutoParticipantIndex>120</MaxAutoParticipantIndex>
   <Peers><Peer address="127.0.0.1"/></Peers>
 </Discovery>
+<Internal><HeartbeatInterval>150ms</HeartbeatInterval></Internal>
 """
 _NETWORK = """
 <General><Interfaces><NetworkInterface {}/></Interfaces></General>
+<Internal><HeartbeatInterval minsched="5ms">10ms</HeartbeatInterval></Internal>
 """
+"""What a network loses is sent again when a heartbeat asks. On loopback hardly anything is lost, and heartbeats are
+rare: while processes find each other, each of them sends those of five writers to all others. They come before a
+closing publisher has lingered."""
 _open: WeakValueDictionary[int, Domain] = WeakValueDictionary()
 """The domains of this process. Each stays open while it is referenced."""
 _configurations: dict[int, str] = {}

@@ -78,7 +78,8 @@ class DdsPublisher(WirePublisher):
         return not own.issuperset(map(wire.handle, matched(self._writer)))
 
     def release(self) -> None:
-        self._participant.delete(self._writer)
+        latched = self.qos.durability == "transient_local"  # nobody who comes from now on is to get its messages
+        (self._participant.delete if latched else self._participant.delete_soon)(self._writer)
         self.node.middleware.on_endpoints_changed()
 
 

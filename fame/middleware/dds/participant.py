@@ -10,6 +10,7 @@ discovered. The warning follows a moment later, when their nodes are known by na
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Set
 from functools import partial
 from typing import Any
@@ -56,6 +57,7 @@ class Participant:
     ) -> None:
         self.scheduler: Scheduler = scheduler
         self._warn, self._on_servers_changed, self._closed = warn, on_servers_changed, False
+        self._lingering: deque[DataWriter[Any]] = deque()
         self._domain = open_domain(domain, network)
         self.confined: bool = confined(domain)
         try:
@@ -74,6 +76,7 @@ class Participant:
         """Leave the domain; others see it at once."""
         self._closed = True
         self._thread.close()
+        self._delete_lingering()
         if isinstance(self.scheduler, DataScheduler) and self.scheduler.waiter is self.data:
             self.scheduler.waiter = None
             self.data.close()
@@ -92,6 +95,11 @@ class Participant:
         """Delete the writer or reader of a closed endpoint."""
         self.data.remove(entity)
         delete(entity)
+
+    def delete_soon(self, writer: DataWriter[Any]) -> None:
+        """Delete a writer in the participant's thread, since it waits for acknowledgements."""
+        self._lingering.append(writer)
+        self._thread.wake()
 
     def owner(self, gid: bytes) -> str:
         """Return the full name of the node of an endpoint."""
@@ -140,6 +148,11 @@ class Participant:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise
             self._thread.wake()  # somebody does not keep up: try again
+        self._delete_lingering()
+
+    def _delete_lingering(self) -> None:
+        while self._lingering:
+            delete(self._lingering.popleft())
 
     def _pairs(self, endpoint: DiscoveredEndpoint) -> Iterator[tuple[DiscoveredEndpoint, DiscoveredEndpoint]]:
         """Writer and reader of each pair that an endpoint makes with another, if one of them is of this participant."""
