@@ -80,6 +80,7 @@ def check(
     team: Sequence[Definitions] = (),
     given: Mapping[str, frozenset[str]] = MappingProxyType({}),
     outside: Collection[str] = (),
+    bodies: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Finding]:
     """Return all findings about a file in the order of its lines, then those about the files that it calls.
 
@@ -87,7 +88,7 @@ def check(
     reads a variable that nothing sets is an error. `guidelines`: deviations from the modelling guidelines are notes.
     `team`: all files of the mission, this one included (see `parts_of_one_mission`), where the other ends of topics
     may be. `given`: the variables that each process (id) starts with. `outside`: the topics on which somebody else
-    publishes.
+    publishes. `bodies`: the types of the topics of the robots' bodies (``~/odom``), for fixes.
 
     Checks of other packages (entry points in the group `GROUP`) are run too.
 
@@ -98,7 +99,7 @@ def check(
     definitions = read(definitions)
     expect(library is None or isinstance(library, Library), "library", library, 'a Library("folder")')
     scope = find_scope(definitions, library or Library(), team=team, strict=strict)
-    scope.given, scope.outside = given, frozenset(outside)
+    scope.given, scope.outside, scope.bodies = given, frozenset(outside), bodies
     findings = [finding for one in (*CHECKS, *[check_guidelines] * guidelines) for finding in one(scope)]
     findings += [finding for name, place in registered(GROUP).items() for finding in _added(name, place, definitions)]
     return arranged(map(scope.named, _relevant(scope, findings)), scope.files)

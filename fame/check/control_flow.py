@@ -93,14 +93,18 @@ def _conditions(process: CheckedProcess, graph: FlowGraph, node: FlowNode) -> It
     blind = node.tag in ("parallelGateway", "eventBasedGateway")
     for flow in graph.leaving(node):
         if flow.condition is not None and flow.id == node.default:
-            yield process.finding("warning", "is the default flow: its condition is never evaluated", flow)
+            text = "is the default flow: its condition is never evaluated"
+            yield process.finding("warning", text, flow, fix=_conditional(flow, ""))
         elif flow.condition is not None and _is_quoted(flow.condition):
             text = f"its condition is a text in quotes, always true: expected {flow.condition.text[1:-1]}"
-            yield process.finding("warning", text, flow)
+            yield process.finding("warning", text, flow, fix=_conditional(flow, flow.condition.text[1:-1]))
         elif flow.condition is not None and blind:
-            yield process.finding(
-                "warning", f"its condition is never evaluated: {node.display_name} takes no conditions", flow
-            )
+            text = f"its condition is never evaluated: {node.display_name} takes no conditions"
+            yield process.finding("warning", text, flow, fix=_conditional(flow, ""))
+
+
+def _conditional(flow: SequenceFlow, condition: str) -> Fix:
+    return Fix(f"make its condition {condition}" if condition else "remove it", flow.id, "condition", condition)
 
 
 def _is_quoted(condition: Expression) -> bool:
@@ -120,7 +124,8 @@ def _ways_out(process: CheckedProcess, graph: FlowGraph, gateway: Gateway) -> It
             if cover_all(conditions):
                 return
             text = "has no way out if none of its conditions is true: mark one of its flows as the default"
-            yield process.finding("warning", text, gateway)
+            fix = Fix(f"make {flows[-1].label} the default", gateway.id, "default", flows[-1].id)
+            yield process.finding("warning", text, gateway, fix=fix)
         elif len(flows) > 1:
             yield from _open_flows(process, gateway, flows)
 
@@ -132,7 +137,11 @@ def _open_flows(process: CheckedProcess, gateway: Gateway, flows: list[SequenceF
             text = (
                 f"has no condition, so {gateway.display_name} always takes it: give it one, or mark it as the default"
             )
+            others = [one.condition for one in flows if one not in (flow,) and one.id != gateway.default]
+            known = [one.text for one in others if one is not None and one.language == "python"]
             fix = Fix("mark it as the default", gateway.id, "default", flow.id) if not gateway.default else None
+            if gateway.default and known and len(known) == len(others):
+                fix = _conditional(flow, f"not ({') and not ('.join(known)})")
             yield process.finding("warning", text, flow, fix=fix)
 
 

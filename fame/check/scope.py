@@ -18,6 +18,8 @@ from fame.errors import ConfigError, ModelError, display_name
 Level = Literal["error", "warning", "note"]
 """error: it cannot run; warning: it runs, but probably not as intended; note: something to know."""
 
+FixKind = Literal["property", "default", "condition", "signal", "message", "error", "catcher"]
+
 LEVELS: tuple[Level, ...] = ("error", "warning", "note")
 
 
@@ -26,12 +28,13 @@ class Fix:
     """A change of one element that ends a finding, if it was meant so.
 
     `text` is what a button says. `kind` is what gets the `value`: an extension ``property`` of this name (in place of
-    `instead`), the ``default`` flow of a gateway, the name of the ``signal`` or the code of the ``error`` of an event.
+    `instead`), the ``default`` flow of a gateway, the ``condition`` of a flow (none, if it is empty), the name of the
+    ``signal`` or ``message`` or the code of the ``error`` of an event; or a ``catcher`` of the error is added.
     """
 
     text: str
     element: str
-    kind: Literal["property", "default", "signal", "error"]
+    kind: FixKind
     value: str
     name: str = ""
     instead: str = ""
@@ -140,6 +143,7 @@ class CheckScope:
     remote_types   the processes run elsewhere, where other message types may be known
     given          variables that a scenario sets when a process starts, by its id
     outside        topics on which a scenario publishes
+    bodies         types of the topics of the robots' bodies, by name (``~/odom``)
     """
 
     definitions: Definitions
@@ -154,6 +158,7 @@ class CheckScope:
     remote_types: bool = False
     given: Mapping[str, frozenset[str]] = field(default_factory=dict)
     outside: frozenset[str] = frozenset()
+    bodies: Mapping[str, str] = field(default_factory=dict)
 
     def has_pool(self, process: CheckedProcess) -> bool:
         return process.definitions is self.definitions and process.bpmn.id in self.pools

@@ -347,4 +347,5 @@ def _queues(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
         kept = end.topic.queue if end.topic is not None and not end.throws else 0
         if kept > profile.depth and profile.history != "keep_all":
             text = f"queues up to {kept} messages of {name}, but its qos.depth is {profile.depth}"
-            yield end.finding("warning", f"{text}: set qos.depth={kept}, or messages may be lost")
+            fix = Fix(f"set qos.depth = {kept}", end.node.id, "property", str(kept), "qos.depth")
+            yield end.finding("warning", f"{text}: set qos.depth={kept}, or messages may be lost", fix)

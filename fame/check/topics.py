@@ -8,11 +8,12 @@ from __future__ import annotations
 import ast
 import difflib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
 from fame.bpmn.model import Expression, FlowNode, SignalDefinition, Topic
 from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, name_conflict, topic_table
+from fame.check.element_templates import COMMON
 from fame.check.endpoints import (
     TopicEndpoint,
     Topics,
@@ -24,7 +25,7 @@ from fame.check.endpoints import (
     select_topics,
     taken_by_prefix,
 )
-from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, Level
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, FixKind, Level
 from fame.engine import UNDEFINED
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
@@ -42,35 +43,47 @@ def check_topic_types(scope: CheckScope) -> Iterator[Finding]:
     for process in scope.processes:
         yield from _services(process, scope.remote_types)
         yield from publish_findings(process)
-    public = _judged(select_topics(processes, ends, private=False), scope.remote_types)
+    public = _judged(select_topics(processes, ends, private=False), scope)
     yield from (one for one in public if one.file in scope.files)
     for root in scope.roots:
-        yield from _judged(select_topics(root.closure(), ends, private=True), scope.remote_types)
+        yield from _judged(select_topics(root.closure(), ends, private=True), scope)
 
 
 # ---- types -----------------------------------------------------------------------------------------------------------
 
 
-def _judged(topics: Topics, remote: bool) -> Iterator[Finding]:
+def _judged(topics: Topics, scope: CheckScope) -> Iterator[Finding]:
     for name, ends in topics.items():
         type = declared_type(ends)
         yield from _names(name, ends)
         yield from _types(name, ends)
-        yield from () if remote else _unknown(ends)
+        yield from () if scope.remote_types else _unknown(ends)
         for end in ends:
             if end.payload is not None and type is None:
                 text = f"topic {name} has a payload but no type: set property type on one of its events"
-                yield end.finding("error", text)
+                yield end.finding("error", text, _typed(end, scope, _fitting(end, end.payload)))
             elif end.payload is not None and type is not None:
                 yield from payload_findings(end.process, end.node, end.payload, type)
             elif not end.throws and end.topic is not None:
-                yield from _taking(end, end.topic, type)
+                yield from _taking(end, end.topic, type, scope)
                 yield from _correlating(end, end.topic, type)
         drawn = [end for end in ends if end.topic is not None]  # a script may do with what is there when it runs
         if type is None and name.startswith("~/") and drawn and not any(end.throws for end in ends):
-            yield drawn[0].finding(
-                "warning", f"no event declares the type of the robot's topic {name}: set property type"
-            )
+            text = f"no event declares the type of the robot's topic {name}: set property type"
+            yield drawn[0].finding("warning", text, _typed(drawn[0], scope, ()))
+
+
+def _typed(end: TopicEndpoint, scope: CheckScope, fitting: Iterable[str]) -> Fix | None:
+    """Give an end its type: that of the robot's body, or the first one that fits."""
+    type = scope.bodies.get(end.name) or next(iter(fitting), "")
+    return Fix(f"add type = {type}", end.node.id, "property", type, "type") if type and end.topic else None
+
+
+def _fitting(end: TopicEndpoint, payload: Expression) -> Iterator[str]:
+    """The usual types that a payload fits, if it says anything about its type."""
+    said = payload.text.lstrip()[:1] == "{" or (payload.text.strip() and "${" not in payload.text)
+    types = COMMON if said and payload.text.lstrip()[:1] != "=" else ()
+    return (one for one in types if not any(payload_findings(end.process, end.node, payload, one)))
 
 
 def _names(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
@@ -121,7 +134,7 @@ def _correlating(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator
                 yield end.finding("error" if type is not None else "warning", text)
 
 
-def _taking(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Finding]:
+def _taking(end: TopicEndpoint, topic: Topic, type: str | None, scope: CheckScope) -> Iterator[Finding]:
     """Data objects and mappings that find no field in the caught message."""
     objects = [item for body in end.process.bodies() for item in body.data_objects if item.id in end.node.data_outputs]
     names = [name for item in objects for name in item.names]
@@ -129,7 +142,8 @@ def _taking(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Find
     if wanted and type is None:
         text = f"no event declares the type of topic {end.name}, so it is {EMPTY_TYPE}, which has no field for {wanted}"
         text += ": set property type"
-        yield end.finding("warning", text)
+        fitting = (one for one in COMMON if names and len(fields_taken(names, topic, one)) == len(names))
+        yield end.finding("warning", text, _typed(end, scope, fitting))
     elif type is not None and names and not topic.takes and not fields_taken(names, topic, type):
         fields = ", ".join(messages.fields(type)) or "none"
         text = f"{type} has no field for {wanted}: expected names like its fields ({fields}) or <field>_..."
@@ -169,8 +183,13 @@ def check_topic_partners(scope: CheckScope) -> Iterator[Finding]:
         does, other = ("throws", "catches") if throws else ("waits for", "throws")
         similar = _similar(name, ends, public)
         text = f"{does} {name}, but nothing in {where} {other} it{f'; did you mean {similar}?' if similar else ''}"
-        signal = similar and any(isinstance(one, SignalDefinition) for one in drawn.node.definitions)
-        fix = Fix(f"rename it to {similar}", drawn.node.id, "signal", similar.removeprefix("/")) if signal else None
+        kind: FixKind = "signal" if drawn.node.defined(SignalDefinition) else "message"
+        named = drawn.node.definitions or drawn.node.tag in ("sendTask", "receiveTask")
+        fix = (
+            Fix(f"rename it to {similar}", drawn.node.id, kind, similar.removeprefix("/"))
+            if similar and named
+            else None
+        )
         yield drawn.finding(level, text, fix)
 
 

@@ -14,12 +14,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions
+from fame.bpmn.model import CallActivity, Definitions, SubProcess, Task
 from fame.bpmn.reader import read_bytes
-from fame.check import Finding
+from fame.check import Finding, Level
+from fame.check.scope import Fix
 from fame.closing import Closing
 from fame.dataclasses import asdict
 from fame.errors import FameError
@@ -122,9 +123,11 @@ def _findings(result: Exploration, model: Definitions, library: Library) -> Iter
     """The errors and warnings of an exploration, each with the steps that lead to it."""
     drawn = places(model, library)
     shown = [one for one in result.findings if one.level != "note" and one.kind != "fault"]
-    known = [(one.level, one.text, one.places[0].element if one.places else "", one.run) for one in shown]
-    known += [("error", str(one), "", one.run) for one in result.properties if one.verdict == "refuted"]
-    for number, (level, text, element, run) in enumerate(known):
+    nodes = {one.id: one for process in model.processes for one in process.body.walk()}
+    around = {inner.id: node.id for node in nodes.values() if node.body is not None for inner in node.body.nodes}
+    known = [(one.level, one.text, one.places[0].element if one.places else "", one.run, one.codes) for one in shown]
+    known += [("error", str(one), "", one.run, ()) for one in result.properties if one.verdict == "refuted"]
+    for number, (level, text, element, run, codes) in enumerate(known):
         steps = [
             {
                 "text": step.text,
@@ -133,7 +136,11 @@ def _findings(result: Exploration, model: Definitions, library: Library) -> Iter
             }
             for step in (run if number < _RUNS else ())
         ]
-        yield {"level": level, "text": text, "element": drawn.get(element, ""), "name": "", "steps": steps}
+        place = drawn.get(element, "")
+        host = place if isinstance(nodes.get(place), Task | CallActivity | SubProcess) else around.get(place, "")
+        fix = Fix(f"catch {codes[0]}", host, "catcher", codes[0]) if codes and host else None
+        told = Finding(cast("Level", level), text, element=place, fix=fix)
+        yield {**asdict(told), "steps": steps}
 
 
 def places(model: Definitions, library: Library) -> dict[str, str]:

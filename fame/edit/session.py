@@ -240,7 +240,8 @@ class ModelEdit(ModelWatch):
             given = known_to_check(now.scenario, model) if now.scenario is not None else {}
             completer = Completer(model, now.library, self._robot_topics, given.get("given", {}))
             _keep(self._completers, window, completer, self.windows)
-            found = check(model, library=now.library, **given)
+            bodies = {f"~/{topic}": type for its in self._robot_topics().values() for topic, (type, _) in its.items()}
+            found = check(model, library=now.library, bodies=bodies, **given)
         except ModelError as error:
             found = [of_error(error)]
         return [one for one in found if one.file == str(self.model)]

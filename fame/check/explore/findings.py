@@ -14,6 +14,7 @@ forever, each element at which one of them waits, or its process, has to accept 
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from itertools import groupby
@@ -56,6 +57,7 @@ class Finding:
     accepted  why the model accepts it, empty if it does not
     robots    those that wait forever, as they are called in the run
     certain   an error that is raised whatever the unknown values are, or without which no run completes
+    codes     the known codes of errors that are not caught
     """
 
     kind: FindingKind
@@ -68,6 +70,7 @@ class Finding:
     accepted: str = ""
     robots: tuple[str, ...] = ()
     certain: bool = False
+    codes: tuple[str, ...] = ()
 
     def steps(self) -> Iterator[str]:
         """Yield its run, a numbered step a line; the same step several times in a row is one line."""
@@ -369,7 +372,8 @@ class ExplorationReport:
             who = _names([self.product.robots[robot] for robot, _ in raised])
             place = self.runs.place(element)
             text = f"{who}: {place.display_name} fails: {_together(why for _, why in raised)}"
-            made = Finding("error", text, (place,), (self.processes[raised[0][0]],), certain=(pool, element) in fatal)
+            made = Finding("error", text, (place,), (self.processes[raised[0][0]],), certain=(pool, element) in fatal,
+                           codes=tuple(one for one in _codes(why for _, why in raised) if MARK not in one))  # fmt: skip
             after = consequence((pool, element))
             if after is None:
                 yield replace(made, run=tuple(self.runs.seen(first)))
@@ -487,12 +491,20 @@ def _names(names: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(names))
 
 
+_CODE = re.compile(r"error (.*) was not caught(?:; called at .*)?", re.DOTALL)
+
+
+def _codes(reasons: Iterable[str]) -> list[str]:
+    """The codes in the reasons of one element, each once."""
+    return sorted({match[1] for match in map(_CODE.fullmatch, reasons) if match is not None})
+
+
 def _together(reasons: Iterable[str]) -> str:
     """The reasons of one element, each once, without where the mission called it."""
-    short = dict.fromkeys(reason.partition("; called at ")[0] for reason in reasons)
-    codes = [one[6:-15] for one in short if one.startswith("error ") and one.endswith(" was not caught")]
-    others = [one for one in short if not (one.startswith("error ") and one.endswith(" was not caught"))]
+    every = list(reasons)
+    codes = _codes(every)
+    others = [*dict.fromkeys(one.partition("; called at ")[0] for one in every if not _CODE.fullmatch(one))]
     if codes:
         word = "errors" if len(codes) > 1 else "error"
-        others.insert(0, f"{word} {', '.join(sorted(codes)).replace(MARK, 'unknown')} not caught")
+        others.insert(0, f"{word} {', '.join(codes).replace(MARK, 'unknown')} not caught")
     return "; ".join(others[:3])
