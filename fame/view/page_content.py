@@ -7,7 +7,7 @@ tokens are where they were. Of what changes often, each span of time keeps the l
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from fame.clock import SECOND
@@ -62,15 +62,15 @@ class PageContent(NamedTuple):
 
 def count(blocks: Iterable[Mapping[str, Any]]) -> Counter[ContentEntry]:
     """Count the changes of each entry in some blocks; what was there before is counted 0 times."""
-    found: Counter[ContentEntry] = Counter()
+    counts: Counter[ContentEntry] = Counter()
     for block in blocks:
-        found.update({("variables", name): 0 for row in block["key"]["variables"] for name in row[2]})
-        found.update(("variables", name) for row in block["variables"] for name in row[3] or ())
-        found.update(("messages", row[1]) for row in block["messages"])
-        found.update(("world", str(row[1])) for row in block["poses"])
-        found.update(("properties", row[1]["property"]) for row in block["properties"])
-        found.update(("log", WHATS[what]) for what in block["w"] if what >= _LOG)
-    return found
+        counts.update({("variables", name): 0 for _, _, values in block["key"]["variables"] for name in values})
+        counts.update(("variables", name) for _, _, _, values, _ in block["variables"] for name in values or ())
+        counts.update(("messages", topic) for _, topic, _, _ in block["messages"])
+        counts.update(("world", str(robot)) for _, robot, _ in block["poses"])
+        counts.update(("properties", change["property"]) for _, change in block["properties"])
+        counts.update(("log", WHATS[what]) for what in block["w"] if what >= _LOG)
+    return counts
 
 
 def chosen(words: Iterable[str], counts: Counter[ContentEntry]) -> frozenset[str]:
@@ -119,12 +119,17 @@ def _leave_out(block: dict[str, Any], without: Collection[str]) -> None:
         block[name] = []
         if name in key:
             key[name] = type(key[name])()
-    block["messages"] = [row for row in block["messages"] if not is_left_out(("messages", row[1]), without)]
+    block["messages"] = [
+        [time, topic, *rest]
+        for time, topic, *rest in block["messages"]
+        if not is_left_out(("messages", topic), without)
+    ]
     if "log" in without:
         kept = [at for at, what in enumerate(block["w"]) if what < _LOG]
         block["d"] = {str(new): block["d"][str(at)] for new, at in enumerate(kept) if str(at) in block["d"]}
         block |= {name: [block[name][at] for at in kept] for name in COLUMNS}
-        for tokens in (*(row[2] for row in block["waits"]), *(row[1] for row in key["waits"])):
+        waits = [*(tokens for _, _, tokens, _ in block["waits"]), *(tokens for _, tokens in key["waits"])]
+        for tokens in waits:
             for token in tokens:
                 token.pop("error", None)  # of an incident
 
@@ -138,17 +143,18 @@ def _thin(block: dict[str, Any], span: int, often: Collection[ContentEntry]) -> 
         seen[entry, place] = time // span
         return entry not in often or last
 
-    def kept(rows: Sequence[Any], entry: Any, place: Any = lambda row: None) -> list[Any]:
-        return [row for row in reversed(rows) if is_last(entry(row), place(row), row[0])][::-1]
+    def kept(rows: Sequence[Any], what: Callable[..., tuple[ContentEntry, Hashable, int]]) -> list[Any]:
+        return [row for row in reversed(rows) if is_last(*what(*row))][::-1]
 
-    for row in reversed(block["variables"]):
-        if row[3]:
-            row[3] = {
-                name: value for name, value in row[3].items() if is_last(("variables", name), (*row[1:3],), row[0])
-            }
-    block["variables"] = [row for row in block["variables"] if row[3] is None or row[3] or row[4]]
-    block["messages"] = kept(block["messages"], lambda row: ("messages", row[1]), lambda row: row[2])
-    block["poses"] = kept(block["poses"], lambda row: ("world", str(row[1])))
+    variables = []
+    for time, robot, scope, values, gone in reversed(block["variables"]):
+        place = robot, scope
+        left = values and {name: value for name, value in values.items() if is_last(("variables", name), place, time)}
+        if left or values is None or gone:
+            variables.append([time, robot, scope, left, gone])
+    block["variables"] = variables[::-1]
+    block["messages"] = kept(block["messages"], lambda time, topic, sender, _: (("messages", topic), sender, time))
+    block["poses"] = kept(block["poses"], lambda time, robot, _: (("world", str(robot)), None, time))
 
 
 def _named(entries: Iterable[ContentEntry]) -> str:
