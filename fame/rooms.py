@@ -151,7 +151,7 @@ PROCESSORS: Mapping[str, str] = {
     "Autoencoder": "fame.monitor.pipeline.estimators:Autoencoder",
     "Threshold": "fame.monitor.pipeline.threshold:Threshold",
     "Drift": "fame.monitor.drift:Drift",
-    "Expression": "fame.monitor.pipeline.threshold:Expression",
+    "Expression": "fame.monitor.pipeline.formula:Expression",
     "Machine": "fame.monitor.pipeline.polled_source:Machine",
 }
 """The processors of FAME by the name that a configuration gives."""

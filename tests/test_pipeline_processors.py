@@ -6,9 +6,10 @@ import pytest
 from fame.errors import ConfigError
 from fame.monitor.pipeline.estimators import Estimator
 from fame.monitor.pipeline.filters import RMS, LowPass, MovingStatistics, Resample, Scale, Spectrum, Window
+from fame.monitor.pipeline.formula import Expression
 from fame.monitor.pipeline.processor import Parameter, Samples, set_value
 from fame.monitor.pipeline.processors import run
-from fame.monitor.pipeline.threshold import Expression, Threshold
+from fame.monitor.pipeline.threshold import Threshold
 
 
 def wave(n: int = 400, rate: float = 500.0, channels: int = 3, seed: int = 0) -> Samples:
