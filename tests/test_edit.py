@@ -26,12 +26,12 @@ from view_page import eventually, until
 
 from fame.bpmn import read_text
 from fame.bpmn.library import Library
+from fame.bpmn.tags import decoded
 from fame.check import check
 from fame.cli import main
 from fame.edit import modeler
 from fame.edit.exploring import Explorer, explored, places
 from fame.edit.session import ModelEdit
-from fame.edit.writer import decoded
 from fame.errors import ConfigError, FameError, UnavailableError
 from fame.view import Server
 

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple, TypeVar
 from fame.bpmn.difference import ORDER, ElementChange
 from fame.bpmn.reader import read_bytes, read_text
 from fame.bpmn.reader.xml import CAMUNDA, ZEEBE, parse, read_file
+from fame.bpmn.tags import decoded
 from fame.check import Finding, check
 from fame.check.element_templates import message_types, templates
 from fame.check.library import behaviours
@@ -30,7 +31,7 @@ from fame.edit.changes import Root, compare, lines
 from fame.edit.completion import Completer, RobotTopics, robot_topics
 from fame.edit.exploring import Explorer
 from fame.edit.running import EditedRun
-from fame.edit.writer import decoded, save_bytes
+from fame.edit.writer import save_bytes
 from fame.errors import ConfigError, FameError, ModelError
 from fame.rooms import ADD_DIAGRAM, load
 from fame.scenario.plan import ScenarioFile, known_to_check

@@ -19,127 +19,15 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import SequenceMatcher
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
-from fame.bpmn.reader.xml import BPMNDI, DC, parse
-from fame.dataclasses import dataclass, field
-from fame.errors import ModelError
-
-_TOKEN = re.compile(
-    r"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[(?P<data>.*?)\]\]>|</(?P<close>[^\s>]+)\s*>"
-    r"|<(?P<open>[^\s/>!?]+)(?P<attributes>(?:\s+[^\s=]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*)\s*(?P<empty>/?)>",
-    re.DOTALL,
-)
-_ATTRIBUTE = re.compile(r"\s+(?P<name>[^\s=]+)\s*=\s*(?P<quote>[\"'])(?P<value>.*?)(?P=quote)", re.DOTALL)
-_REFERENCE = re.compile(r"&(?:#x([0-9a-fA-F]+)|#([0-9]+)|(lt|gt|amp|quot|apos));")
-_NAMED = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
-_TYPE = ("http://www.w3.org/2001/XMLSchema-instance", "type")
-
-QName = tuple[str, str]
-"""(namespace, local name)"""
-
-
-class _Attribute(NamedTuple):
-    """An attribute, and where it is in the text, with the white space before it."""
-
-    value: str
-    start: int
-    end: int
-
-
-@dataclass(slots=True, eq=False)
-class _Tag:
-    """An element and its places in the text: of the element, and of what is between its tags.
-
-    `key` tells it from others of its file, if anything does.
-    """
-
-    name: QName
-    attributes: dict[QName, _Attribute]
-    prefixes: Mapping[str, str]
-    start: int
-    inside: int
-    key: tuple[Any, ...] | None = None
-    parent: _Tag | None = None
-    close: int = 0
-    end: int = 0
-    text: str = ""
-    children: list[_Tag] = field(default_factory=list)
-    _content: tuple[Any, ...] | None = None
-
-    @property
-    def content(self) -> tuple[Any, ...]:
-        """All that it says, whatever the prefixes, the order of attributes and white space between elements."""
-        if self._content is None:
-            attributes = sorted((name, one.value) for name, one in self.attributes.items())
-            text = "" if self.children and not self.text.strip() else self.text
-            self._content = (self.name, tuple(attributes), text, tuple(one.content for one in self.children))
-        return self._content
-
-    def walk(self) -> Iterator[_Tag]:
-        """Yield it and all that is in it."""
-        yield self
-        for one in self.children:
-            yield from one.walk()
-
-
-def _unescaped(text: str) -> str:
-    def character(found: re.Match[str]) -> str:
-        hexadecimal, decimal, name = found.groups()
-        return _NAMED[name] if name else chr(int(hexadecimal, 16) if hexadecimal else int(decimal))
-
-    return _REFERENCE.sub(character, text.replace("\r\n", "\n"))
-
-
-@lru_cache(maxsize=4)
-def _read(text: str, file: str) -> _Tag:
-    """The elements of a document, which stays the same while others are compared with it. Raises ModelError."""
-    parse(re.sub(r"\A\ufeff?(<\?xml[^>]*?)\sencoding\s*=\s*[\"'][^\"']*[\"']", r"\1", text).encode(), file)
-    top = _Tag(("", ""), {}, {"": "", "xml": "http://www.w3.org/XML/1998/namespace"}, 0, 0)
-    inner, end = top, 0
-    for token in _TOKEN.finditer(text):
-        inner.text += _unescaped(text[end : token.start()]) + (token["data"] or "").replace("\r\n", "\n")
-        end = token.end()
-        if token["open"]:
-            tag = _opened(inner, token)
-            inner.children.append(tag)
-            inner = tag if not token["empty"] else inner
-        elif token["close"]:
-            inner.close, inner.end = token.start(), end
-            assert inner.parent is not None
-            inner = inner.parent
-    return top.children[0]
-
-
-def _opened(parent: _Tag, token: re.Match[str]) -> _Tag:
-    given = list(_ATTRIBUTE.finditer(token["attributes"]))
-    declared = {one["name"][6:]: one["value"] for one in given if one["name"].partition(":")[0] == "xmlns"}
-    prefixes = {**parent.prefixes, **declared} if declared else parent.prefixes
-
-    def name(text: str, default: str) -> QName:
-        prefix, colon, local = text.rpartition(":")
-        return prefixes.get(prefix, prefix) if colon else default, local
-
-    shift, attributes = token.start("attributes"), dict[QName, _Attribute]()
-    for one in given:
-        if one["name"].partition(":")[0] != "xmlns":
-            value = _unescaped(re.sub(r"\r\n|[\t\n]", " ", one["value"]))  # moddle writes \r as it is
-            place = name(one["name"], "")
-            if place == _TYPE:  # a qualified name
-                value = " ".join(name(value, prefixes[""]))
-            attributes[place] = _Attribute(value, shift + one.start(), shift + one.end())
-    inside, end = token.end(), token.end()
-    tag = name(token["open"], prefixes[""])
-    told = attributes.get(("", "id")) or attributes.get(("", "bpmnElement"))
-    key = (tag, told.value.rpartition(":")[2]) if told is not None else None
-    return _Tag(tag, attributes, prefixes, token.start(), inside, key, parent, inside, end)
-
+from fame.bpmn.reader.xml import BPMNDI, DC
+from fame.bpmn.tags import TYPE, QName, Tag, decoded, read_tags
 
 # ---- what corresponds ------------------------------------------------------------------------------------------------
 
 
-def _pairs(some: Sequence[_Tag], others: Sequence[_Tag]) -> dict[_Tag, _Tag]:
+def _pairs(some: Sequence[Tag], others: Sequence[Tag]) -> dict[Tag, Tag]:
     """Which element of `others` corresponds to each of `some`."""
     by_key = {one.key: one for one in others if one.key is not None}
     found = {one: by_key[one.key] for one in some if one.key is not None and one.key in by_key}
@@ -161,11 +49,11 @@ def _pairs(some: Sequence[_Tag], others: Sequence[_Tag]) -> dict[_Tag, _Tag]:
 
 def save(old: str, base: str, new: str, *, file: str = "") -> str:
     """Return the old text with what differs between two texts that an editor wrote of it. Raises ModelError."""
-    texts = _in_frame(_read(old, file), _read(base, file), _read(new, file), base, new)
-    return _Writing(old, _read(old, file), *(_read(text, file) for text in texts)).text()
+    texts = _in_frame(read_tags(old, file), read_tags(base, file), read_tags(new, file), base, new)
+    return _Writing(old, read_tags(old, file), *(read_tags(text, file) for text in texts)).text()
 
 
-def _in_frame(old: _Tag, before: _Tag, now: _Tag, base: str, new: str) -> tuple[str, str]:
+def _in_frame(old: Tag, before: Tag, now: Tag, base: str, new: str) -> tuple[str, str]:
     """Both texts of the editor with each diagram where the old text has it: bpmn-js moves some as it opens a file."""
     moves = dict[tuple[Any, ...] | None, tuple[float, float]]()
     places, theirs = _shapes(old), _shapes(before)
@@ -180,7 +68,7 @@ def _in_frame(old: _Tag, before: _Tag, now: _Tag, base: str, new: str) -> tuple[
     return (_moved(before, base, moves), _moved(now, new, moves)) if moves else (base, new)
 
 
-def _shapes(root: _Tag) -> dict[tuple[Any, ...] | None, dict[tuple[Any, ...] | None, tuple[float, float]]]:
+def _shapes(root: Tag) -> dict[tuple[Any, ...] | None, dict[tuple[Any, ...] | None, tuple[float, float]]]:
     """Where each shape of each diagram begins."""
     found: dict[tuple[Any, ...] | None, dict[tuple[Any, ...] | None, tuple[float, float]]] = {}
     for plane in (one for one in root.walk() if one.name == (BPMNDI, "BPMNPlane")):
@@ -189,14 +77,14 @@ def _shapes(root: _Tag) -> dict[tuple[Any, ...] | None, dict[tuple[Any, ...] | N
     return found
 
 
-def _place(tag: _Tag) -> tuple[float, float] | None:
+def _place(tag: Tag) -> tuple[float, float] | None:
     x, y = (tag.attributes.get(("", name)) for name in "xy")
     with suppress(ValueError):
         return (float(x.value), float(y.value)) if x is not None and y is not None else None
     return None
 
 
-def _moved(root: _Tag, text: str, moves: Mapping[tuple[Any, ...] | None, tuple[float, float]]) -> str:
+def _moved(root: Tag, text: str, moves: Mapping[tuple[Any, ...] | None, tuple[float, float]]) -> str:
     """A text with all points of some diagrams moved."""
     changes = list[tuple[int, int, str]]()
     for plane in (one for one in root.walk() if one.name == (BPMNDI, "BPMNPlane") and one.key in moves):
@@ -215,21 +103,10 @@ def save_bytes(old: bytes, base: str, new: str, *, file: str = "") -> bytes:
     return save(text, base, new, file=file).encode(encoding, "xmlcharrefreplace")
 
 
-def decoded(content: bytes, file: str) -> tuple[str, str]:
-    """Return the text of a file, with its byte order mark, and its encoding. Raises ModelError."""
-    encoding = parse(content, file).getroottree().docinfo.encoding or "utf-8"
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding = "utf-16-le" if content[0] == 0xFF else "utf-16-be"
-    try:
-        return content.decode(encoding), encoding
-    except (LookupError, UnicodeError):
-        raise ModelError(f"expected a text in {encoding}, as the file says", file=file) from None
-
-
 class _Writing:
     """One text while changes are written into it."""
 
-    def __init__(self, source: str, old: _Tag, base: _Tag, new: _Tag) -> None:
+    def __init__(self, source: str, old: Tag, base: Tag, new: Tag) -> None:
         self._source, self._old, self._base, self._new = source, old, base, new
         self._newline = "\r\n" if "\r\n" in source else "\n"
         first = source[old.inside : old.children[0].start] if old.children else "\n  "
@@ -245,7 +122,7 @@ class _Writing:
         }
         self._missing: dict[str, str] = {}  # namespace -> prefix to declare
 
-    def _differs(self, new: _Tag) -> bool:
+    def _differs(self, new: Tag) -> bool:
         """Whether an element is not as the editor has it of the unchanged file."""
         base = self._places[1].get(new.key) if new.key is not None else None
         return base is None or base.content != new.content
@@ -260,25 +137,25 @@ class _Writing:
             body = body[: end.end()] + declared + body[end.end() :]
         return self._source[: self._old.start] + body + self._source[self._old.end :]
 
-    def _merged(self, old: _Tag, base: _Tag, new: _Tag) -> str:
+    def _merged(self, old: Tag, base: Tag, new: Tag) -> str:
         """The text of an old element with what differs between the other two."""
         left = self._relocated and any(one.key in self._relocated for one in old.walk() if one is not old)
         if base.content == new.content and not left:
             return self._source[old.start : old.end]
         opening, body = self._opening(old, base, new), self._body(old, base, new)
-        if old.inside == old.end:  # <a/>
+        if old.is_empty:
             if not body:
                 return opening
             opening = re.sub(r"\s*/>\Z", ">", opening)
             return f"{opening}{body}</{self._tag_name(old)}>"
         return opening + body + self._source[old.close : old.end]
 
-    def _tag_name(self, old: _Tag) -> str:
+    def _tag_name(self, old: Tag) -> str:
         found = re.match(r"<([^\s/>]+)", self._source[old.start : old.inside])
         assert found is not None
         return found[1]
 
-    def _opening(self, old: _Tag, base: _Tag, new: _Tag) -> str:
+    def _opening(self, old: Tag, base: Tag, new: Tag) -> str:
         """The opening tag with the changed attributes."""
         text, shift = self._source[old.start : old.inside], old.start
         changes = list[tuple[int, int, str]]()
@@ -297,12 +174,12 @@ class _Writing:
             text = text[: start - shift] + written + text[stop - shift :]
         return text
 
-    def _attribute(self, old: _Tag, name: QName, value: str) -> str:
-        if name == _TYPE:
+    def _attribute(self, old: Tag, name: QName, value: str) -> str:
+        if name == TYPE:
             value = self._qualified(old, *value.split(" ", 1)) if " " in value else value
         return f'{self._qualified(old, *name, attribute=True)}="{_quoted(value)}"'
 
-    def _qualified(self, scope: _Tag, uri: str, local: str, *, attribute: bool = False) -> str:
+    def _qualified(self, scope: Tag, uri: str, local: str, *, attribute: bool = False) -> str:
         """A name with the prefix that the old text has for its namespace there."""
         if not uri:
             return local
@@ -318,13 +195,13 @@ class _Writing:
 
     # ---- content -----------------------------------------------------------------------------------------------------
 
-    def _body(self, old: _Tag, base: _Tag, new: _Tag) -> str:
+    def _body(self, old: Tag, base: Tag, new: Tag) -> str:
         """What is between the tags of an old element, with what differs between the other two."""
         source, to_base, to_new = self._source, _pairs(old.children, base.children), _pairs(base.children, new.children)
         if not (base.children or new.children):
             inside = source[old.inside : old.close]
             return inside if base.text == new.text else _written(new.text, inside)
-        pieces, written = list[list[str]](), dict[_Tag, list[str]]()
+        pieces, written = list[list[str]](), dict[Tag, list[str]]()
         end = old.inside
         for child in old.children:
             gap, end = source[end : child.start], child.end
@@ -344,11 +221,11 @@ class _Writing:
 
     def _insert(
         self,
-        old: _Tag,
-        new: _Tag,
+        old: Tag,
+        new: Tag,
         pieces: list[list[str]],
-        written: dict[_Tag, list[str]],
-        known: Mapping[_Tag, _Tag],
+        written: dict[Tag, list[str]],
+        known: Mapping[Tag, Tag],
     ) -> None:
         """Add the new children of an element, each behind the one before it. `known`: those of the base."""
         if old.children:
@@ -367,7 +244,7 @@ class _Writing:
                 pieces.insert(place, [space, self._new_text(old, child, space)])
                 place += 1
 
-    def _new_text(self, parent: _Tag, child: _Tag, space: str) -> str:
+    def _new_text(self, parent: Tag, child: Tag, space: str) -> str:
         """The text of an element that is new there: as it was elsewhere, or as the editor says it."""
         old, base = (places.get(child.key) if child.key else None for places in self._places)
         if old is not None and base is not None and old.prefixes == parent.prefixes and self._has_left(old, child):
@@ -381,21 +258,21 @@ class _Writing:
         return f"<{name}{attributes}>{_written(child.text)}</{name}>" if child.text else f"<{name}{attributes} />"
 
     @staticmethod
-    def _values(tag: _Tag) -> Iterator[tuple[QName, str]]:
+    def _values(tag: Tag) -> Iterator[tuple[QName, str]]:
         return ((name, one.value) for name, one in tag.attributes.items())
 
-    def _has_left(self, old: _Tag, new: _Tag) -> bool:
+    def _has_left(self, old: Tag, new: Tag) -> bool:
         """Whether the parent of an old element does not have it any more."""
         assert old.parent is not None
         assert new.parent is not None
         return old.parent.key != new.parent.key
 
-    def _own_space(self, old: _Tag) -> str:
+    def _own_space(self, old: Tag) -> str:
         """The white space before an element."""
         before = self._source[: old.start]
         return before[len(before.rstrip()) :]
 
-    def _indent(self, old: _Tag) -> str:
+    def _indent(self, old: Tag) -> str:
         return self._own_space(old).rpartition("\n")[2]
 
 
