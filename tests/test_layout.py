@@ -358,9 +358,12 @@ def drawn(content: str, **shapes: tuple[int, int, int, int]) -> Definitions:
     return read_text(document(f'<process id="P">{content}</process><bpmndi:BPMNDiagram>{plane}</bpmndi:BPMNDiagram>'))
 
 
-def test_a_frame_without_room_grows() -> None:
+@pytest.mark.parametrize("ends", ["/>", " />", "></dc:Bounds>", "> </dc:Bounds >"])
+def test_a_frame_without_room_grows(ends: str) -> None:
     content = f'<subProcess id="u"><task id="t"/><task id="new"/>{flow("t", "new")}</subProcess>'
-    new = read_bytes(add_diagram(drawn(content, u=(100, 100, 160, 120), t=(130, 120, 100, 80))))
+    old = drawn(content, u=(100, 100, 160, 120), t=(130, 120, 100, 80)).source.decode()
+    old = old.replace('"/></bpmndi:BPMNShape>', f'"{ends}</bpmndi:BPMNShape>')
+    new = read_bytes(add_diagram(read_text(old)))
     assert defects(new) == []
     boxes = {one.element: one.bounds for one in new.shapes}
     assert boxes["t"] == Bounds(130, 120, 100, 80)

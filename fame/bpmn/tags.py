@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -131,7 +132,8 @@ def decoded(content: bytes, file: str) -> tuple[str, str]:
     encoding = parse(content, file).getroottree().docinfo.encoding or "utf-8"
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16-le" if content[0] == 0xFF else "utf-16-be"
-    try:
-        return content.decode(encoding), encoding
-    except (LookupError, UnicodeError):
-        raise ModelError(f"expected a text in {encoding}, as the file says", file=file) from None
+    with suppress(LookupError, UnicodeError):
+        text = content.decode(encoding)
+        if text.encode(encoding) == content:
+            return text, encoding
+    raise ModelError(f"expected a file in UTF-8 or another encoding of Python, got {encoding}", file=file)

@@ -1,42 +1,24 @@
 """Puts a diagram into a file as text, so that everything else stays as it is, byte by byte.
 
 New shapes and edges go into the plane that the file has for them, new diagrams to its end, in the terms of Camunda
-Modeler. An element without an id that is drawn gets one, since shapes refer to ids. The places are found by expat.
+Modeler. An element without an id that is drawn gets one, since shapes refer to ids.
 """
 
 from __future__ import annotations
 
-import codecs
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from fame.bpmn.draw.svg import number
 from fame.bpmn.model import Bounds, Definitions, Edge, Shape
 from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node, invented_id
-from fame.dataclasses import dataclass, field
-from fame.errors import ModelError
+from fame.bpmn.tags import Tag, decoded, read_tags
 from fame.layout.content import BODIES
 
-_BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
-_TAG = re.compile(rb"""<([^\s/>]+)(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*(/?)>""")
-_SEPARATOR = "\n"
-"""Between namespace and name; a namespace cannot have one."""
+_NAME = re.compile(r"<([^\s/>]+)")
 _USUAL = {BPMNDI: "bpmndi", DC: "dc", DI: "di"}
-
-
-@dataclass(slots=True)
-class _Places:
-    """Where things are in a file: start tags in document order; begin and end of diagrams; start and end tag of planes;
-    the bounds of shapes, by the number of the plane and the element."""
-
-    tags: list[int] = field(default_factory=list)
-    diagrams: list[tuple[int, int]] = field(default_factory=list)
-    planes: list[tuple[int, int]] = field(default_factory=list)
-    bounds: dict[tuple[int, str], int] = field(default_factory=dict)
-    end: int = 0
 
 
 def put_into_file(
@@ -47,46 +29,41 @@ def put_into_file(
     `elements` are those of the file in its order, `unnamed` the places of those that have no id there. `again` replaces
     the diagrams that there are. Raises ModelError if the file cannot be written in its encoding.
     """
-    root = elements[0]
-    bom, codec = next(((bom, codec) for bom, codec in _BOMS if old.source.startswith(bom)), (b"", ""))
-    codec = codec or root.getroottree().docinfo.encoding or "utf-8"
-    try:
-        text = old.source[len(bom) :].decode(codec)
-        kept = text.encode(codec) == old.source[len(bom) :]
-    except (LookupError, UnicodeError):
-        kept = False
-    if not kept:
-        raise ModelError(f"expected a file in UTF-8 or another encoding of Python, got {codec}", file=old.file)
-    source = text.encode()
-    places = _places(source)
-    line = "\r\n" if b"\r\n" in source else "\n"
+    text, encoding = decoded(old.source, old.file)
+    root = read_tags(text, old.file)
+    tags, diagrams = list(root.walk()), [one for one in root.children if one.name == (BPMNDI, "BPMNDiagram")]
+    line = "\r\n" if "\r\n" in text else "\n"
     edits: list[tuple[int, int, str]] = []
     drawn = {*new.planes, *(shape.element for shape in new.shapes), *(edge.element for edge in new.edges)}
     for place in unnamed:
-        id, found = elements[place].get("id"), _TAG.match(source, places.tags[place])
-        edits += [(found.end(1), found.end(1), f" id={quoteattr(id)}")] if id in drawn and id and found else []
+        id = elements[place].get("id")
+        if id and id in drawn:
+            end = tags[place].start + 1 + len(_name(text, tags[place]))
+            edits.append((end, end, f" id={quoteattr(id)}"))
     if again:
-        edits += [(_blank_before(source, begin), end, "") for begin, end in places.diagrams]
-    edits += _edits(old, new, elements, source, places, line, again=again)
+        edits += [(_blank_before(text, one.start), one.end, "") for one in diagrams]
+    planes = [one for diagram in diagrams for one in diagram.children if one.name == (BPMNDI, "BPMNPlane")]
+    edits += _edits(old, new, elements, text, root, [] if again else planes, line, again=again)
     for begin, end, changed in sorted(edits, reverse=True):
-        source = source[:begin] + changed.encode() + source[end:]
-    return bom + source.decode().encode(codec, "xmlcharrefreplace")
+        text = text[:begin] + changed + text[end:]
+    return text.encode(encoding, "xmlcharrefreplace")
 
 
 def _edits(
     old: Definitions,
     new: Definitions,
     elements: Sequence[Node],
-    source: bytes,
-    places: _Places,
+    text: str,
+    root: Tag,
+    planes: Sequence[Tag],
     line: str,
     *,
     again: bool,
 ) -> Iterator[tuple[int, int, str]]:
-    """The shapes and edges that are new, for the planes there are and as new diagrams."""
+    """The shapes and edges that are new, for the `planes` there are and as new diagrams."""
     known = {} if again else {shape.element: shape.bounds for shape in old.shapes}
     drawn = set(known) | (set() if again else {edge.element for edge in old.edges})
-    nodes = [one for one in elements if one.tag == f"{{{BPMNDI}}}BPMNPlane"][: 0 if again else len(places.planes)]
+    nodes = [one for one in elements if one.tag == f"{{{BPMNDI}}}BPMNPlane"][: len(planes)]
     gone = {
         one for one in elements if again and any(f"{{{BPMNDI}}}BPMNDiagram" == up.tag for up in one.iterancestors())
     }
@@ -97,62 +74,47 @@ def _edits(
         edges = [one for one in new.edges if one.plane == plane and one.element not in drawn]
         writer = _Writer((nodes[plane] if plane < len(nodes) else elements[0]).nsmap, taken, line)
         if plane < len(nodes):
-            begin, end = places.planes[plane]
-            yield from _closed(source, begin, end, writer.parts(shapes, edges), line)
+            yield from _closed(text, planes[plane], writer.parts(shapes, edges), line)
+            boxes = _bounds(planes[plane])
             for shape in new.shapes:
                 if shape.plane == plane and known.get(shape.element, shape.bounds) != shape.bounds:
-                    at = places.bounds[plane, shape.element]
-                    found = _TAG.match(source, at)
-                    yield at, found.end() if found else at, f"<{writer.bounds(shape.bounds)}/>"
+                    box = boxes[shape.element]
+                    yield box.start, box.end, f"<{writer.bounds(shape.bounds)}/>"
         elif element in taken and (again or plane >= len(old.planes)):  # else of a process that is embedded as text
             diagrams += writer.diagram(element, plane, shapes, edges)
-    if diagrams:
-        yield from _closed(source, 0, places.end, diagrams, line)
+    yield from _closed(text, root, diagrams, line)
 
 
-def _closed(source: bytes, begin: int, end: int, content: str, line: str) -> Iterator[tuple[int, int, str]]:
-    """Put content before an end tag; an element that is empty gets one."""
-    found = _TAG.match(source, begin) if begin else None
-    if not content:
-        return
-    if found and found[2]:
-        yield found.end() - 2, found.end(), f">{line}{content}    </{found[1].decode()}>"
-    else:
-        start = _blank_before(source, end)
-        gap = source[start:end].decode()
-        yield start, end, line + content.removesuffix(line) + (gap if "\n" in gap else line)
-
-
-def _blank_before(source: bytes, place: int) -> int:
-    return len(source[:place].rstrip(b" \t\r\n"))
-
-
-def _places(source: bytes) -> _Places:
-    found, opened, parser = _Places(), list[int](), expat.ParserCreate("utf-8", _SEPARATOR)
-    shown = [""]
-
-    def start(name: str, attributes: Mapping[str, str]) -> None:
-        found.tags.append(parser.CurrentByteIndex)
-        opened.append(parser.CurrentByteIndex)
-        if name == f"{BPMNDI}{_SEPARATOR}BPMNShape":
-            shown[0] = attributes.get("bpmnElement", "").strip().rpartition(":")[2]
-        elif name == f"{DC}{_SEPARATOR}Bounds" and len(opened) == 5:
-            found.bounds.setdefault((len(found.planes), shown[0]), parser.CurrentByteIndex)
-
-    def end(name: str) -> None:
-        at, begin = parser.CurrentByteIndex, opened.pop()
-        if name == f"{BPMNDI}{_SEPARATOR}BPMNPlane" and len(opened) == 2:
-            found.planes.append((begin, at))
-        elif name == f"{BPMNDI}{_SEPARATOR}BPMNDiagram" and len(opened) == 1:
-            closing = _TAG.match(source, begin)
-            empty = closing is not None and closing[2]
-            found.diagrams.append((begin, closing.end() if closing and empty else source.index(b">", at) + 1))
-        elif not opened:
-            found.end = at
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.Parse(source, True)
+def _bounds(plane: Tag) -> dict[str, Tag]:
+    """The bounds of each shape of a plane, by its element."""
+    found = dict[str, Tag]()
+    for shape in (one for one in plane.children if one.name == (BPMNDI, "BPMNShape")):
+        shown = shape.attributes.get(("", "bpmnElement"))
+        box = next((one for one in shape.children if one.name == (DC, "Bounds")), None)
+        if shown is not None and box is not None:
+            found.setdefault(shown.value.strip().rpartition(":")[2], box)
     return found
+
+
+def _closed(text: str, tag: Tag, content: str, line: str) -> Iterator[tuple[int, int, str]]:
+    """Put content before an end tag; an element that is empty gets one."""
+    if content and tag.is_empty:
+        yield tag.end - 2, tag.end, f">{line}{content}    </{_name(text, tag)}>"
+    elif content:
+        start = _blank_before(text, tag.close)
+        gap = text[start : tag.close]
+        yield start, tag.close, line + content.removesuffix(line) + (gap if "\n" in gap else line)
+
+
+def _name(text: str, tag: Tag) -> str:
+    """The name of an element with its prefix."""
+    found = _NAME.match(text, tag.start)
+    assert found is not None
+    return found[1]
+
+
+def _blank_before(text: str, place: int) -> int:
+    return len(text[:place].rstrip(" \t\r\n"))
 
 
 class _Writer:
