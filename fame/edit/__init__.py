@@ -2,7 +2,7 @@
 
 ::
 
-    changes     two versions of a file, compared: in words, as JSON, as a picture
+    changes     two versions of a file, compared: in words, as JSON, as a picture; commits: the one of the last commit
     session     the source of the page that draws; modeler: the library that it draws with
     running     the run beside the diagram, which changes with the model
     writer      what an editor has changed, written into the text of the file

@@ -28,6 +28,7 @@ from fame.check.library import behaviours
 from fame.check.scope import of_error
 from fame.config.loader import read_document
 from fame.edit.changes import Root, compare, lines
+from fame.edit.commits import committed
 from fame.edit.completion import Completer, RobotTopics, robot_topics
 from fame.edit.exploring import Explorer
 from fame.edit.running import EditedRun
@@ -156,6 +157,7 @@ class ModelEdit(ModelWatch):
             "check": self._checked,
             "save": self._saved,
             "compare": self._compared,
+            "commit": self._since_commit,
             "explore": self._explored,
         }
         act, new, base = acts.get(str(command.get("do"))), command.get("new"), command.get("base")
@@ -267,6 +269,12 @@ class ModelEdit(ModelWatch):
         found = compare(read_text(shown, file=self.model.name), read_bytes(old, file=self.model.name))
         said = [] if found.same else list(lines(found))
         return {"lines": said, "hash": _hash(old), "text": decoded(old, file)[0], "merged": decoded(new, file)[0]}
+
+    def _since_commit(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
+        """How what is drawn differs from the last commit: in words, and by element."""
+        found = compare(*(read_bytes(each, file=self.model.name) for each in (committed(self.model), new)))
+        how = {one.element.id: one.how for one in (*found.moved, *found.changes)}
+        return {"lines": [] if found.same else list(lines(found)), "how": how}
 
 
 _Value = TypeVar("_Value")

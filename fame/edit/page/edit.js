@@ -1,6 +1,7 @@
 // The page that edits a model: the library that draws, what is found in the model while it is drawn, and its file.
 
 import { Completion } from "./complete.js";
+import { Commits } from "./commits.js";
 import { byId, h, icon, messageOf } from "./dom.js";
 import { Exploring } from "./explore.js";
 import { mend } from "./fixes.js";
@@ -40,6 +41,7 @@ class Edit {
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   timer = undefined;
   exploring = new Exploring(this);
+  commits = new Commits(this);
   gone = "";
   /** @type {any} a `Running`, once there is a library that draws */
   running = null;
@@ -109,6 +111,7 @@ class Edit {
     this.checked = seen;
     this.show();
     this.exploring.begin();
+    if (this.commits.open) await this.commits.update();
   }
 
   /** Send what is drawn. */
@@ -250,6 +253,7 @@ class Edit {
       tool("undo", "Undo (Ctrl Z)", "back", () => stack.undo()),
       tool("redo", "Redo (Ctrl Y)", "forth", () => stack.redo()),
       tool("fit", "Fit the diagram", "fit", () => this.fit()),
+      this.commits.button(),
       h("button", { id: "save", cls: "text strong", title: "Ctrl S", onclick: () => this.save() }, "Save"),
     );
     addEventListener("keydown", (event) => {
