@@ -9,6 +9,7 @@ from action_server import DRIVE
 from deployment_field import definitions, process
 from test_resumption import POOL, Durable
 
+from fame.middleware.actions import ActionServer, ServerGoal
 from fame.middleware.interface import DeferredResponse, Node
 
 CAMUNDA = 'xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
@@ -196,6 +197,31 @@ def test_a_call_that_was_not_answered_before_a_suspension_follows_retry(field: A
     assert field.engine.running.instances[-1].visits.get("l", 0) == (0 if retry == "safe" else 1)
     fate = "call('press'): its task was suspended before it was answered, and its fate is unknown; retry: never"
     assert (fate in field.notes) == (retry == "never")
+
+
+@pytest.mark.parametrize("interrupt", ["continued", "migrated"])
+@pytest.mark.parametrize(("obeys", "goals"), [(True, 2), (False, 1)])
+def test_a_goal_that_was_not_cancelled_in_time_is_lost_with_never(
+    field: Any, obeys: bool, goals: int, interrupt: str
+) -> None:
+    """The server has ended it before it is asked to cancel it: what it has done is not done again."""
+    begun: list[ServerGoal] = []
+
+    def cancel(goal: ServerGoal) -> None:
+        goal.end("canceled" if obeys else "succeeded", {})
+
+    ActionServer(field.middleware.node("mower", "A"), "mow", DRIVE, begun.append, cancel)
+    field.deploy(calling(action="mow", type=DRIVE, payload="{distance: 3}", retry="never"))
+    assert len(begun) == 1
+    if interrupt == "continued":
+        continued(field)
+    else:
+        field.deploy(
+            calling("Mow", action="mow", type=DRIVE, payload="{distance: 3}", retry="never"), "d2", 2, migrate=True
+        )
+    field.pass_time(2)
+    assert len(begun) == goals
+    assert field.engine.running.instances[-1].visits.get("l", 0) == (0 if obeys else 1)
 
 
 def test_a_second_crash_finds_the_same_goal(field: Any) -> None:

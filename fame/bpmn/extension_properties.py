@@ -50,7 +50,7 @@ PROPERTIES: Mapping[str, Mapping[str, str]] = {
         "errors": "codes of BPMN errors by outcome or `error_code` of the result: `{rejected: busy, 208: no_path}`",
         "wait_cancelled": "seconds to wait until cancelled goals of the action have ended; then it is the error "
         "`still_running`. Without it the goal is sent at once",
-        "retry": "a request that was in progress when engine or server left, or a call when its mission was suspended: "
+        "retry": "a request that was in progress when engine or server left, or its mission was suspended: "
         "`safe` (default) sends it again, `never` is the error `lost`, `ask` waits for somebody",
     },
     EVENT_SUB_PROCESSES: {

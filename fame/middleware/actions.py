@@ -121,8 +121,9 @@ class ActionClient:
 
 
 class Goal:
-    """A goal that was sent. `refused`: its server refuses to cancel it."""
+    """A goal that was sent. `refused`: its server refuses to cancel it. `outcome`: how one that was cancelled ended."""
 
+    outcome: GoalEnd | None
     feedback: Callable[[AnyMessage], object]
     id: bytes
     refused: bool
@@ -141,6 +142,7 @@ class Goal:
         self.id, self.feedback = id or uuid4().bytes, feedback
         self._client, self._on_end = client, on_end
         self._accepted, self._awaits_result, self.refused = accepted, False, False
+        self.outcome = None
 
     @property
     def _cancelled(self) -> bool:
@@ -200,6 +202,7 @@ class Goal:
     def _end(self, outcome: GoalEnd, result: AnyMessage) -> None:
         if self._cancelled:
             del self._client.cancelled[self.id]
+            self.outcome = outcome
             self._client.on_cancelled(self)
         elif self._client.goals.get(self.id) is self:
             del self._client.goals[self.id]
@@ -212,13 +215,14 @@ class Goal:
         """Handle that the server ends the goal, refuses that, or does not run it. Its result says when it has ended."""
         if not self._cancelled:
             return
-        if response.return_code in (_UNKNOWN_GOAL, _ENDED_GOAL):
-            self._end("canceled", None)
+        ended = response.return_code == _ENDED_GOAL
+        if response.return_code == _UNKNOWN_GOAL or (ended and not self._client.available):
+            self._end("unknown", None)
             return
-        if response.return_code == _REJECTED or not response.goals_canceling:
+        if response.return_code == _REJECTED or not (ended or response.goals_canceling):
             self.refused = True
             self._client.on_cancelled(self)
-        if not self._awaits_result and self._client.available:
+        if (ended or not self._awaits_result) and self._client.available:
             self.request_result()
 
 

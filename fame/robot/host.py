@@ -86,7 +86,7 @@ class EngineHost:
         self._robot, self._mission, self._node, self._options = robot, mission, node, options
         self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
         self.recorder: Outbox | None = None
-        self.unanswered: dict[Wait, str] = {}  # tasks suspended before a service has answered them, and their call
+        self.unanswered: dict[Wait, tuple[str, bytes]] = {}  # tasks suspended before their call or goal has ended
         self.acknowledged: AcknowledgedSignals | None = None
         self.on_suspended: Callable[[Engine], object] = lambda engine: None
         self.observer: Observer | None = observer_of(options.observer) if options.observer is not None else None
@@ -218,8 +218,8 @@ class EngineHost:
 
     def cancel(self, key: int) -> bool:
         wait = self.engine.waits.get(key)
-        if wait is not None and wait.paused and (call := self.runner.unanswered(key)):
-            self.unanswered = {one: made for one, made in self.unanswered.items() if one.alive} | {wait: call}
+        if wait is not None and wait.paused and (made := self.runner.unanswered(key))[0]:
+            self.unanswered = {one: known for one, known in self.unanswered.items() if one.alive} | {wait: made}
         if self.recorder is not None:
             self.recorder.task_cancelled(key)
         return self.runner.cancel(key)

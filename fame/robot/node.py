@@ -376,14 +376,16 @@ class RobotNode:
         else:
             fail(BpmnError("lost", text))
 
-    def _doubtful(self, key: int, call: str) -> str:
-        """Return why a call of a task that begins again may have been made, if it may not simply be made again."""
+    def _doubtful(self, key: int, request: str) -> tuple[str, bytes]:
+        """Return why a request of a task that begins again may have been done, if it may not simply be made again, and
+        the id of its goal."""
         wait = self.engine.waits.get(key)
-        if wait is None or self.host.unanswered.get(wait) != call:
-            return ""
+        made, goal = self.host.unanswered.get(wait, ("", b"")) if wait is not None else ("", b"")
+        if wait is None or made != request:
+            return "", b""
         del self.host.unanswered[wait]
         safe = self.mission.retries().get(wait.node.id, "safe") == "safe"
-        return "" if safe else "its task was suspended before it was answered"
+        return "" if safe else "its task was suspended before it was answered", goal
 
     def raise_signal(self, topic: str, type: str, value: Any) -> None:
         """Raise a signal inside this engine, if an event catches it: with `value` if its type, by default `type`, is

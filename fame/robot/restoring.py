@@ -47,7 +47,11 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
         "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
         "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
         "cancelled": host.runner.cancelled.table(),
-        "unanswered": {str(wait.key): call for wait, call in host.unanswered.items() if wait.alive},
+        "unanswered": {
+            str(wait.key): [made, goal.hex()]
+            for wait, (made, goal) in host.unanswered.items()
+            if wait.alive and not (goal and host.runner.cancelled.outcome(goal) == "canceled")
+        },
     }
 
 
@@ -79,9 +83,11 @@ def follow_cancelled(node: RobotNode, tables: Tables) -> None:
 
 
 def take_unanswered(node: RobotNode, tables: Tables) -> None:
-    """Let a restored engine know of the calls that were not answered before their tasks were suspended."""
-    waits, calls = node.engine.waits, tables.get("unanswered", {}).items()
-    node.host.unanswered = {waits[int(key)]: call for key, call in calls if int(key) in waits}
+    """Let a restored engine know of the calls and goals that had not ended before their tasks were suspended."""
+    waits, known = node.engine.waits, tables.get("unanswered", {}).items()
+    node.host.unanswered = {
+        waits[int(key)]: (made, bytes.fromhex(goal)) for key, (made, goal) in known if int(key) in waits
+    }
 
 
 def go_on(node: RobotNode) -> None:

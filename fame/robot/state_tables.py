@@ -14,7 +14,7 @@ totals     instances started, completed and failed, and elements completed in th
 ended      the last instances that are over
 cancelled  goals that were cancelled and have not ended (`fame.scripting.cancelled_goals`), by hex id
 goals      the last goal of each waiting task, by key: hex id, action, type
-unanswered  calls that were not answered before their tasks were suspended, by key
+unanswered  calls and goals that had not ended before their tasks were suspended, by key: text, hex id
 begins     how a process that has not started yet is to: as a ``process``, or with a state that it has ``taken over``
 suspension  the person who suspended the mission, and when (ns since 1970)
 thrown, receivers, accepted   acknowledged signals (`fame.robot.acknowledged`)

@@ -13,10 +13,12 @@ from typing import Any
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.dataclasses import dataclass, field
 from fame.errors import MessageError
-from fame.middleware.actions import ActionClient, Goal
+from fame.middleware.actions import ActionClient, Goal, GoalEnd
 
 BOUND = 5.0
 """Time in which a cancelled goal is expected to end (s): Nav2 brings a robot to a stop first."""
+_KEPT = 100
+"""Number of goals that have ended whose outcome is known."""
 
 
 @dataclass(slots=True)
@@ -52,6 +54,7 @@ class CancelledGoals:
         self._scheduler, self._report = scheduler, report
         self.on_still_running = lambda action: None
         self._goals: dict[bytes, _Cancelled] = {}
+        self._outcomes: dict[bytes, GoalEnd | None] = {}
 
     def cancel(self, client: ActionClient, goal: Goal) -> None:
         """Cancel a goal, unless it has ended."""
@@ -75,6 +78,10 @@ class CancelledGoals:
                 self._report(f"{name}: a cancelled goal may still run: {error}")
                 continue
             self._add(client, client.cancel(bytes.fromhex(id)), told=told)
+
+    def outcome(self, id: bytes) -> GoalEnd | None:
+        """Return how one of the last goals has ended; None for one that may still run."""
+        return self._outcomes.get(id, None if id in self._goals else "unknown")
 
     def actions(self) -> list[str]:
         """Return the full name of each action with such a goal, in order."""
@@ -103,6 +110,9 @@ class CancelledGoals:
             self._tell(cancelled)
             return
         del self._goals[goal.id]
+        self._outcomes[goal.id] = goal.outcome
+        for id in list(self._outcomes)[:-_KEPT]:
+            del self._outcomes[id]
         cancelled.late.cancel()
         if cancelled.told:
             self._report(f"{cancelled.client.name}: the cancelled goal has ended")

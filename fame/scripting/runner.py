@@ -23,7 +23,7 @@ from fame.engine.host import BpmnError, Cancelled, is_from_outside
 from fame.middleware.actions import ActionClient, Goal
 from fame.middleware.interface import Client, Node
 from fame.scripting.budget import BUDGET, Budget
-from fame.scripting.cancelled_goals import CancelledGoals
+from fame.scripting.cancelled_goals import BOUND, CancelledGoals
 from fame.scripting.python import error_text
 from fame.scripting.requests import (
     MOMENT,
@@ -64,11 +64,12 @@ _Report = Callable[[int, str], object]
 class _Task:
     """A running script. `disarm` removes its source of wake-ups; `due` is its timeout or its next step.
 
-    Of a request to a server: `heard` is when it was sent, or its last feedback came; `gone` since when it has none.
+    Of a request to a server: `heard` is when it was sent, or its last feedback came; `gone` since when it has none;
+    `goal` is the id of its goal.
     """
 
-    __slots__ = ("awaits", "budget", "cancelling", "disarm", "due", "error", "gone", "grace", "heard", "instant", "key",
-                 "leaving", "names", "request", "running", "script")  # fmt: skip
+    __slots__ = ("awaits", "budget", "cancelling", "disarm", "due", "error", "goal", "gone", "grace", "heard",
+                 "instant", "key", "leaving", "names", "request", "running", "script")  # fmt: skip
 
     def __init__(self, key: int, script: Any) -> None:
         self.key, self.script = key, script
@@ -78,6 +79,7 @@ class _Task:
         self.request: ScriptRequest | None = None
         self.heard: int | None = None
         self.gone: int | None = None
+        self.goal = b""
         self.disarm: Callable[[], object] | None = None
         self.due: Entry | None = None
         self.grace: Entry | None = None
@@ -126,8 +128,8 @@ class Runner:
     types      type of a topic by its full name, None if unknown
 
     `outward`, if set, is asked before a request leaves the robot. `on_lost`, if set, decides on requests whose fate is
-    unknown; else they are made again. `doubtful` (key, call) says why a call may have been made before; empty if it has
-    not, or may be made again.
+    unknown; else they are made again. `doubtful` (key, request) says why one may have been made before; empty if it has
+    not, or may be made again; of a goal also its id: it is sent again if it has ended as canceled.
     """
 
     def __init__(
@@ -145,7 +147,7 @@ class Runner:
         self.cancelled: CancelledGoals = CancelledGoals(scheduler, partial(report, 0))
         self.outward: Outward | None = None
         self.on_lost: OnLost | None = None
-        self.doubtful: Callable[[int, str], str] = lambda key, call: ""
+        self.doubtful: Callable[[int, str], tuple[str, bytes]] = lambda key, request: ("", b"")
         self._tasks: dict[int, _Task] = {}
         self._untils: dict[int, _Task] = {}
 
@@ -199,10 +201,12 @@ class Runner:
         task = self._tasks.get(key)
         return task is not None and isinstance(task.request, Act) and task.heard is not None
 
-    def unanswered(self, key: int) -> str:
-        """Return the call that a script has made and awaits, as text; empty without one."""
+    def unanswered(self, key: int) -> tuple[str, bytes]:
+        """Return the call or goal that a script has made and awaits, as text, and the goal's id; empty without one."""
         task = self._tasks.get(key)
-        return str(task.request) if task is not None and isinstance(task.request, Call) and task.heard else ""
+        if task is None or task.heard is None:
+            return "", b""
+        return str(task.request), task.goal if isinstance(task.request, Act) else b""
 
     def server_silence(self, key: int) -> tuple[str, int] | None:
         """Return what is to be known of the server of an awaited request, and since when (ns); None if it is at work.
@@ -355,7 +359,7 @@ class Runner:
         if arm is None:
             raise TypeError(f"cannot await {type(request).__name__}: only sleep, receive, until, robot.call, robot.act "
                             "and messages of robot.subscribe can be awaited")  # fmt: skip
-        task.request, task.heard, task.gone = request, None, None
+        task.request, task.heard, task.gone, task.goal = request, None, None, b""
         arm(self, task, request)
 
     def _wake(self, task: _Task) -> None:
@@ -430,7 +434,7 @@ class Runner:
             client.call(request.fields, on_response, lost)
             self._hear(task)
 
-        if doubt := self.doubtful(task.key, str(request)):
+        if doubt := self.doubtful(task.key, str(request))[0]:
             self._lose(task, client, begin, doubt)
         else:
             self._when_available(task, client, lambda: self._send(task, client, begin))
@@ -456,7 +460,7 @@ class Runner:
                 self.poll()
 
         def follow(goal: Goal) -> None:
-            task.disarm = partial(self.cancelled.cancel, client, goal)
+            task.disarm, task.goal = partial(self.cancelled.cancel, client, goal), goal.id
             self._hear(task)
 
         def begin(id: bytes | None) -> None:
@@ -477,7 +481,24 @@ class Runner:
         def send() -> None:
             self._when_available(task, client, lambda: self._send(task, client, begin, attach))
 
-        self._when_alone(task, client, send, self._scheduler.now + round(request.wait * SECOND))
+        alone = partial(self._when_alone, task, client, send, self._scheduler.now + round(request.wait * SECOND))
+        doubt, goal = self.doubtful(task.key, str(request))
+        if doubt:
+            lost = partial(self._lose, task, client, begin, doubt)
+            self._when_ended(task, goal, alone, lost, self._scheduler.now + round(BOUND * SECOND))
+        else:
+            alone()
+
+    def _when_ended(
+        self, task: _Task, goal: bytes, canceled: Callable[[], object], lost: Callable[[], object], until: int
+    ) -> None:
+        """Call one of the functions as soon as a cancelled goal has ended, or at `until` (ns)."""
+        outcome = self.cancelled.outcome(goal)
+        if outcome is None and self._scheduler.now < until:
+            again = partial(self._when_ended, task, goal, canceled, lost, until)
+            task.due = self._scheduler.after(_POLL, again, Kind.RESUMPTION)
+        else:
+            (canceled if outcome in ("canceled", "rejected") else lost)()
 
     def _when_alone(self, task: _Task, client: ActionClient, send: Callable[[], object], until: int) -> None:
         """Call `send` as soon as no cancelled goal of the action may run; at `until` (ns) that is an error, if the
