@@ -17,7 +17,7 @@ import pytest
 from fame.cli import main
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
-from fame.monitor.data_files import Special, read_labelled_runs, read_runs
+from fame.monitor.data_files import Special, is_other_class, read_labelled_runs, read_runs
 from fame.monitor.pipeline import train as training
 from fame.monitor.pipeline.compare import suited
 from fame.monitor.pipeline.training_checks import warnings_of
@@ -323,13 +323,35 @@ def test_blocks_behind_a_line_with_their_class_are_runs_and_one_class_trains(tmp
     )  # fmt: skip
     assert bad.samples.values.tolist() == [[-1, 64], [90, 60], [0, 61]]
     np.testing.assert_allclose(np.diff(bad.samples.stamps), 0.02)
-    assert len(read_labelled_runs([tmp_path / "lp.data"], (), special, undisturbed=True)) == 1
+    read = read_labelled_runs([tmp_path / "lp.data"], (), special, undisturbed=True)
+    assert [is_other_class(run, special) for run in read] == [False, True]  # which keeps its number
     with pytest.raises(ConfigError, match="classes normal, collision: say by --benign which ones are undisturbed"):
         read_labelled_runs([tmp_path / "lp.data"], (), Special(rate=50.0))
     (tmp_path / "torn.data").write_text(BLOCKS + "\t1\n")
     with pytest.raises(ConfigError, match="expected 2 numbers, or the class of the next block, got '1'") as error:
         read_labelled_runs([tmp_path / "torn.data"], (), special)
     assert error.value.line == 11
+
+
+def test_a_run_of_blocks_has_one_number_in_training_and_in_judging(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    random = np.random.default_rng(6)
+
+    def block(name: str, level: float) -> str:
+        rows = random.normal(level, 1, (30, 2)) + np.sin(np.arange(30) / 3)[:, None] * 5
+        return "\n".join([name, *(f"\t{a:.3f}\t{b:.3f}" for a, b in rows), "", ""])
+
+    file, model = tmp_path / "lp.data", str(tmp_path / "m.skops")
+    blocks = [block("crash", 90), *(block("normal", 0) for _ in range(6)), block("crash", 90)]
+    file.write_text("".join(blocks))
+    words = ["--data", str(file), "--benign", "normal", "--rate", "50", "--window", "5", "--detector", "pca"]
+    assert main(["monitor", "train", *words, "--exclude", "run 3", "-o", model, "--keep"]) == 0
+    capsys.readouterr()
+    assert main(["monitor", "judge", model, str(file), "--json"]) == 1
+    runs = json.loads(capsys.readouterr().out)["runs"]
+    assert [run["run"] for run in runs if run["learned from"]] == [1, 2, 4, 5, 6]
+    assert [runs[at]["verdict"] for at in (0, 7)] == ["anomalous"] * 2
+    assert main(["monitor", "train", *words, "--exclude", "run 8", "-o", model]) == 2
+    assert "there is no run 8; there are 8, from run 0 on" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--output", "--onnx"])

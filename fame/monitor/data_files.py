@@ -113,8 +113,8 @@ def read_labelled_runs(
     """Read every run of recorded files with its labels: values (n, columns), stamps (s), names of the columns.
 
     `columns` are by default those of the first file but `special` ones and label. Rows that lack one are left out.
-    `undisturbed` runs must not have an anomalous sample; blocks of another class than the benign one are left out.
-    Raises ConfigError.
+    `undisturbed` runs must not have an anomalous sample, but for blocks of another class than the benign one
+    (`is_other_class`). Raises ConfigError.
     """
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
@@ -132,12 +132,16 @@ def read_labelled_runs(
         if not columns:
             columns = of_first = channels
         _check_columns(table, columns, special, path)
-        read = _runs_of(table, columns, channels, special, path)
-        runs += [run for run in read if not (undisturbed and special.benign and (run.labels == -1).any())]
+        runs += _runs_of(table, columns, channels, special, path)
     if undisturbed:
         _check_excluded(special, known, runs)
         _check_undisturbed(special, runs)
     return runs
+
+
+def is_other_class(run: LabelledRun, special: Special) -> bool:
+    """Return whether a run is a block of another class than the benign one: it counts as a run, and does not train."""
+    return bool(special.benign and (run.labels == -1).any())
 
 
 def run_names(number: int, run: LabelledRun) -> set[str]:
@@ -158,7 +162,7 @@ def _check_excluded(special: Special, known: Collection[str], runs: Sequence[Lab
 def _check_undisturbed(special: Special, runs: Sequence[LabelledRun]) -> None:
     """Raise ConfigError for a run with an anomalous sample, unless it is excluded."""
     for number, run in enumerate(runs):
-        if (run.labels == -1).any() and not run_names(number, run) & set(special.exclude):
+        if (run.labels == -1).any() and not special.benign and not run_names(number, run) & set(special.exclude):
             got = f"column {special.anomaly!r} is not 0" if special.anomaly else "got label -1"
             text = f"expected undisturbed runs{'' if special.anomaly else ' (label 1)'}, {got} in run {number}"
             raise ConfigError(f"{text}: leave it out (--exclude 'run {number}')", file=run.file)

@@ -468,13 +468,16 @@ def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: P
 
 def _write_refused(model: TrainedModel, training: Training, strange: Mapping[int, str], page: Path) -> None:
     """Draw strange runs of the training in the band of the others."""
-    from fame.monitor.data_files import read_labelled_runs
+    from fame.monitor.data_files import is_other_class, read_labelled_runs
     from fame.monitor.judge import judge_trained
     from fame.monitor.judge_report import write_refused
     from fame.monitor.pipeline.train import band_of
 
     read = read_labelled_runs(training.files, training.columns, training.special, undisturbed=True)
-    others = [run.samples for number, run in enumerate(read) if number not in strange and len(run.samples)]
+    others = [
+        run.samples for number, run in enumerate(read)
+        if number not in strange and len(run.samples) and not is_other_class(run, training.special)
+    ]  # fmt: skip
     judging = replace(model, band=band_of(others, model.elements))
     shown = judge_trained(judging, [read[number] for number in strange], str(page)).runs
     write_refused(shown, list(strange.values()), page)

@@ -9,7 +9,7 @@ one per run and channel, into thresholds. The detector that is stored learned fr
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +23,7 @@ from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, independent
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
-from fame.monitor.data_files import LabelledRun, hash_files, rate_of, read_labelled_runs, run_names
+from fame.monitor.data_files import LabelledRun, hash_files, is_other_class, rate_of, read_labelled_runs, run_names
 from fame.monitor.labels import with_labels
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
@@ -75,7 +75,7 @@ def train(
     read = read_labelled_runs(config.files, config.columns, config.special, undisturbed=True)
     columns = read[0].samples.names if read else config.columns
     read, benign, anomalous, lost = with_labels(read, config.model, columns, config.special)
-    used = [number for number in _chosen(read, config) if number not in anomalous]
+    used = [number for number in _chosen(read, config, benign) if number not in anomalous]
     numbers = [number for number in used if len(read[number].samples)]
     runs = [read[number].samples for number in numbers]
     cut, runs = len(runs) == 1, parts(runs[0], config.window) if len(runs) == 1 else runs
@@ -93,12 +93,14 @@ def train(
     return replace(model, conditions={**model.conditions, **more})
 
 
-def _chosen(read: Sequence[LabelledRun], config: Training) -> list[int]:
-    """Return the numbers of the runs that are not excluded. Raises ConfigError for an unknown run."""
+def _chosen(read: Sequence[LabelledRun], config: Training, benign: Collection[int]) -> list[int]:
+    """Return the numbers of the runs that are not excluded, and of the benign class or said to be `benign`. Raises
+    ConfigError for an unknown run."""
     names = [run_names(number, run) for number, run in enumerate(read)]
     if unknown := [name for name in config.exclude if re.fullmatch(r"run \d+", name) and {name} - set().union(*names)]:
         raise ConfigError(f"there is no {unknown[0]}; there are {len(read)}, from run 0 on", element="Training.exclude")
-    return [at for at in range(len(read)) if not names[at] & set(config.exclude)]
+    others = {at for at, run in enumerate(read) if is_other_class(run, config.special)} - {*benign}
+    return [at for at in range(len(read)) if at not in others and not names[at] & set(config.exclude)]
 
 
 def fit(
