@@ -9,6 +9,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from view_page import until
+
 STYLES = (
     "diagram-js", "bpmn-js", "bpmn-font/css/bpmn-embedded", "camunda-platform-modeler", "properties-panel",
     "element-templates",
@@ -18,7 +20,7 @@ PAGE = """<body style="margin: 0">
 <div id="panel" style="position: absolute; inset: 0 0 0 auto; width: 360px; overflow: auto"></div>"""
 ENTRY = ".bio-properties-panel-collapsible-entry"
 LOW = 740
-"""Where nothing is drawn: a click there chooses nothing (pixels from above)."""
+"""Below what is drawn: a click there chooses nothing (pixels from above)."""
 NEW = """<?xml version="1.0" encoding="UTF-8"?>
 <bpmn:definitions xmlns:bpmn="http://www.omg.org/spec/BPMN/20100524/MODEL"
     xmlns:bpmndi="http://www.omg.org/spec/BPMN/20100524/DI" xmlns:dc="http://www.omg.org/spec/DD/20100524/DC"
@@ -32,28 +34,34 @@ NEW = """<?xml version="1.0" encoding="UTF-8"?>
 """A new BPMN diagram for Camunda 7, as Camunda Modeler makes it."""
 
 
-class Modeler:
-    """A page with a new diagram. `dist` is that of the npm package camunda-bpmn-js.
+def new_diagram(page: Any, dist: Path, templates: list[Any]) -> Modeler:
+    """A page with a new diagram in what Camunda Modeler is made of; `dist`: of the npm package camunda-bpmn-js."""
+    page.set_content(PAGE)
+    for name in STYLES:
+        page.add_style_tag(path=dist / "assets" / f"{name}.css")
+    page.add_script_tag(path=dist / "camunda-platform-modeler.production.min.js")
+    page.evaluate(
+        """async ([text, templates]) => {
+            window.modeler = new BpmnModeler({container: '#canvas', propertiesPanel: {parent: '#panel'}})
+            await modeler.importXML(text)
+            modeler.get('elementTemplatesLoader').setTemplates(templates)
+        }""",
+        [NEW, templates],
+    )
+    return Modeler(page, (20, LOW))
 
-    `read` is what its user has to know: the titles, labels and values of all that was done.
+
+class Modeler:
+    """A page with a diagram, `modeler`; at `empty` nothing is drawn (pixels).
+
+    `read` is what its user has to know: the titles, labels and values of all that was done. Places are those of the
+    diagram. Pictures are `whole`, or as high as is said.
     """
 
-    def __init__(self, page: Any, dist: Path, templates: list[Any]) -> None:
-        self.page = page
+    def __init__(self, page: Any, empty: tuple[float, float], *, whole: bool = False) -> None:
+        self.page, self.empty, self.whole = page, empty, whole
         self.read: set[str] = set()
         page.set_default_timeout(5000)
-        page.set_content(PAGE)
-        for name in STYLES:
-            page.add_style_tag(path=dist / "assets" / f"{name}.css")
-        page.add_script_tag(path=dist / "camunda-platform-modeler.production.min.js")
-        page.evaluate(
-            """async ([text, templates]) => {
-                window.modeler = new BpmnModeler({container: '#canvas', propertiesPanel: {parent: '#panel'}})
-                await modeler.importXML(text)
-                modeler.get('elementTemplatesLoader').setTemplates(templates)
-            }""",
-            [NEW, templates],
-        )
 
     def begun_with(self) -> str:
         """The one element of a new diagram."""
@@ -89,10 +97,11 @@ class Modeler:
                 opened.scroll_into_view_if_needed()
             else:
                 self.select(element)
-            self.page.mouse.move(20, LOW)
+            self.page.mouse.move(*self.empty)
             self.page.wait_for_timeout(300)
             size = self.page.viewport_size
-            self.page.screenshot(path=Path(folder) / f"{name}.png", clip={"x": 0, "y": 0, **size, "height": high})
+            clip = {"x": 0, "y": 0, **size} | ({} if self.whole else {"height": high})
+            self.page.screenshot(path=Path(folder) / f"{name}.png", clip=clip)
 
     def save(self) -> str:
         """The file."""
@@ -151,9 +160,9 @@ class Modeler:
 
     def select(self, element: str) -> None:
         """Choose an element, as a click on it does."""
-        self.page.mouse.click(20, LOW)
+        self.page.mouse.click(*self.empty)
         self.page.mouse.click(*self._place(element))
-        self.page.wait_for_function("id => modeler.get('selection').get()[0]?.id === id", arg=element)
+        until(self.page, f"modeler.get('selection').get()[0]?.id === {element!r}")
 
     def labels(self, element: str, group: str) -> list[str]:
         """Those of the fields of a group."""
@@ -175,6 +184,14 @@ class Modeler:
 
     def _made(self, x: float, y: float) -> str:
         before = self._ids()
+        x, y = self.page.evaluate(
+            """([x, y]) => {
+                const box = modeler.get('canvas').viewbox()
+                const {left, top} = modeler.get('canvas').getContainer().getBoundingClientRect()
+                return [left + (x - box.x) * box.scale, top + (y - box.y) * box.scale]
+            }""",
+            [x, y],
+        )
         self.page.mouse.move(x, y, steps=4)
         self.page.mouse.click(x, y)
         return self._new(before)
@@ -188,7 +205,7 @@ class Modeler:
 
     def _new(self, before: set[str]) -> str:
         (made,) = self._ids() - before
-        self.page.mouse.click(20, LOW)  # ends the editing of its label
+        self.page.mouse.click(*self.empty)  # ends the editing of its label
         return str(made)
 
     def _place(self, element: str, part: float = 0.5) -> tuple[float, float]:

@@ -151,7 +151,7 @@ class Edit {
           "button",
           { onclick: () => this.select(one.element), dataset: { element: one.element } },
           h("span", { cls: one.level }, one.level),
-          h("span", null, one.name || one.element ? `${one.name || one.element}: ` : "", one.text),
+          h("span", null, !one.steps && (one.name || one.element) ? `${one.name || one.element}: ` : "", one.text),
         ),
         one.fix && h("button", { cls: "text fix", onclick: () => mend(this.modeler, one.fix) }, one.fix.text),
         one.steps?.length && h("button", { cls: "text play", onclick: () => this.exploring.play(one) }, "Play it"),
