@@ -38,7 +38,7 @@ PROPERTIES: Mapping[str, Mapping[str, str]] = {
     },
     TIMERS: {
         "missed": "if the timer was due while the engine was not running: `fire` (default), `skip`, or `fail`, which "
-        "is the error `missed`",
+        "is the error `missed`"
     },
     SERVICES: {
         "service": "the name of a ROS service",
@@ -53,11 +53,9 @@ PROPERTIES: Mapping[str, Mapping[str, str]] = {
         "retry": "a request that was in progress when engine or server left, or its mission was suspended: "
         "`safe` (default) sends it again, `never` is the error `lost`, `ask` waits for somebody",
     },
-    EVENT_SUB_PROCESSES: {
-        "resume": "`true`: suspend the scope and resume it afterwards, instead of cancelling it",
-    },
+    EVENT_SUB_PROCESSES: {"resume": "`true`: suspend the scope and resume it afterwards, instead of cancelling it"},
     AD_HOC: {
-        "activities": "ids of the elements to start: a list, as `${...}`, `=...` or a variable; without it, all start",
+        "activities": "ids of the elements to start: a list, as `${...}`, `=...` or a variable; without it, all start"
     },
     REPETITIONS: {
         "outputCollection": "variable that receives the list of results",

@@ -18,6 +18,7 @@ _TOKEN = re.compile(
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"\s+(?P<name>[^\s=]+)\s*=\s*(?P<quote>[\"'])(?P<value>.*?)(?P=quote)", re.DOTALL)
+_NAME = re.compile(r"<([^\s/>]+)")
 _REFERENCE = re.compile(r"&(?:#x([0-9a-fA-F]+)|#([0-9]+)|(lt|gt|amp|quot|apos));")
 _NAMED = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
 TYPE = ("http://www.w3.org/2001/XMLSchema-instance", "type")
@@ -73,6 +74,13 @@ class Tag:
         yield self
         for one in self.children:
             yield from one.walk()
+
+
+def written_name(text: str, tag: Tag) -> str:
+    """Return the name of an element as it is written in the text."""
+    found = _NAME.match(text, tag.start)
+    assert found is not None
+    return found[1]
 
 
 def _unescaped(text: str) -> str:

@@ -22,7 +22,7 @@ from difflib import SequenceMatcher
 from typing import Any
 
 from fame.bpmn.reader.xml import BPMNDI, DC
-from fame.bpmn.tags import TYPE, QName, Tag, decoded, read_tags
+from fame.bpmn.tags import TYPE, QName, Tag, decoded, read_tags, written_name
 
 # ---- what corresponds ------------------------------------------------------------------------------------------------
 
@@ -147,13 +147,8 @@ class _Writing:
             if not body:
                 return opening
             opening = re.sub(r"\s*/>\Z", ">", opening)
-            return f"{opening}{body}</{self._tag_name(old)}>"
+            return f"{opening}{body}</{written_name(self._source, old)}>"
         return opening + body + self._source[old.close : old.end]
-
-    def _tag_name(self, old: Tag) -> str:
-        found = re.match(r"<([^\s/>]+)", self._source[old.start : old.inside])
-        assert found is not None
-        return found[1]
 
     def _opening(self, old: Tag, base: Tag, new: Tag) -> str:
         """The opening tag with the changed attributes."""
@@ -220,12 +215,7 @@ class _Writing:
         return "".join(gap + text for gap, text in pieces) + tail
 
     def _insert(
-        self,
-        old: Tag,
-        new: Tag,
-        pieces: list[list[str]],
-        written: dict[Tag, list[str]],
-        known: Mapping[Tag, Tag],
+        self, old: Tag, new: Tag, pieces: list[list[str]], written: dict[Tag, list[str]], known: Mapping[Tag, Tag]
     ) -> None:
         """Add the new children of an element, each behind the one before it. `known`: those of the base."""
         if old.children:

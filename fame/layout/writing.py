@@ -14,10 +14,9 @@ from xml.sax.saxutils import quoteattr
 from fame.bpmn.draw.svg import number
 from fame.bpmn.model import Bounds, Definitions, Edge, Shape
 from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node, invented_id
-from fame.bpmn.tags import Tag, decoded, read_tags
+from fame.bpmn.tags import Tag, decoded, read_tags, written_name
 from fame.layout.content import BODIES
 
-_NAME = re.compile(r"<([^\s/>]+)")
 _USUAL = {BPMNDI: "bpmndi", DC: "dc", DI: "di"}
 
 
@@ -38,7 +37,7 @@ def put_into_file(
     for place in unnamed:
         id = elements[place].get("id")
         if id and id in drawn:
-            end = tags[place].start + 1 + len(_name(text, tags[place]))
+            end = tags[place].start + 1 + len(written_name(text, tags[place]))
             edits.append((end, end, f" id={quoteattr(id)}"))
     if again:
         edits += [(_blank_before(text, one.start), one.end, "") for one in diagrams]
@@ -99,18 +98,11 @@ def _bounds(plane: Tag) -> dict[str, Tag]:
 def _closed(text: str, tag: Tag, content: str, line: str) -> Iterator[tuple[int, int, str]]:
     """Put content before an end tag; an element that is empty gets one."""
     if content and tag.is_empty:
-        yield tag.end - 2, tag.end, f">{line}{content}    </{_name(text, tag)}>"
+        yield tag.end - 2, tag.end, f">{line}{content}    </{written_name(text, tag)}>"
     elif content:
         start = _blank_before(text, tag.close)
         gap = text[start : tag.close]
         yield start, tag.close, line + content.removesuffix(line) + (gap if "\n" in gap else line)
-
-
-def _name(text: str, tag: Tag) -> str:
-    """The name of an element with its prefix."""
-    found = _NAME.match(text, tag.start)
-    assert found is not None
-    return found[1]
 
 
 def _blank_before(text: str, place: int) -> int:
