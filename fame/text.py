@@ -110,6 +110,18 @@ _LISTED = 20
 """Known words of which a hint lists all."""
 
 
+def percent(share: float, places: int = 0) -> str:
+    """Return a share (0 to 1) in percent. Only 1 is 100, and only 0 is 0: what is nearly all is not all.
+
+    >>> percent(0.9996), percent(0.9996, 1), percent(1.0, 1), percent(0.0001)
+    ('99', '99.9', '100.0', '1')
+    """
+    least, rounded = 10.0**-places, round(100 * share, places)
+    if 0 < share < 1:
+        rounded = min(max(rounded, least), 100 - least)
+    return f"{rounded:.{places}f}"
+
+
 def as_number(text: str) -> float:
     """Return the number in a text; NaN if the text is not a number."""
     try:

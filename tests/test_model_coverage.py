@@ -11,6 +11,7 @@ from fame_test_runs import fame_test as run_tests
 from fame.cli import main
 from fame.testing.coverage import Coverage, html_report, json_report, text_report
 from fame.testing.mission import MissionLoader
+from fame.text import percent
 
 ROOT = Path(__file__).parent.parent
 VEHICLES = ROOT / "models" / "ground_vehicles.bpmn"
@@ -46,6 +47,19 @@ def test_elements_and_flows_count_per_process(mission: MissionLoader, choice: Pa
     lines = list(text_report(coverage))
     assert lines[1].split()[-4:] == ["3/4", "2/3", "71", "%"]
     assert lines[2].endswith(":3: P: b") or "not covered:" in lines[2]
+
+
+def test_a_coverage_of_nearly_all_is_not_said_to_be_all(mission: MissionLoader, tmp_path: Path) -> None:
+    row = "".join(
+        f'<task id="t{n}"/><sequenceFlow id="f{n}" sourceRef="{f"t{n - 1}" if n else "a"}" targetRef="t{n}"/>'
+        for n in range(300)
+    )
+    path = tmp_path / "long.bpmn"
+    path.write_text(process(CHOICE + row))
+    coverage = covered(mission, path, True)
+    lines = list(text_report(coverage))
+    assert (lines[1].split()[-4:], lines[-1]) == (["303/304", "302/303", "99", "%"], "total: 99.7 %")
+    assert (percent(0.9999, 1), percent(1.0, 1), percent(0.0001), percent(0.0)) == ("99.9", "100.0", "1", "0")
 
 
 def test_the_tests_of_an_element_are_known_and_another_process_adds_its_own(

@@ -16,7 +16,7 @@ from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.judge import RESAMPLINGS, TELLING, Event, JudgedRun, JudgedRuns, shown
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
-from fame.text import write_file
+from fame.text import percent, write_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -154,7 +154,7 @@ def _runs(runs: Sequence[JudgedRun]) -> str:
         more = (_cell(label), _cell(latency, "n")) if labelled else ()
         rows.append([
             _cell(run.number, "n"), _cell(Path(run.file).name), verdict, *more,
-            _cell(f"{run.score:.3g}" if run.ratios.size else "-", "n"), _cell(f"{100 * run.share:.0f} %", "n"),
+            _cell(f"{run.score:.3g}" if run.ratios.size else "-", "n"), _cell(f"{percent(run.share)} %", "n"),
             _cell(f"{run.seconds:.1f} s", "n"), _cell("; ".join(run.notes)),
         ])  # fmt: skip
     return '<p class="quiet">The score is the largest loss divided by its threshold: above 1 there is an alarm.</p>' + (

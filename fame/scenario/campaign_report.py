@@ -22,7 +22,7 @@ from fame.scenario.property_statistics import (
     statistics as statistics_of_properties,
 )
 from fame.scenario.variation import is_number
-from fame.text import write_file, writing
+from fame.text import percent, write_file, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -286,8 +286,8 @@ def html_report(rows: Sequence[CampaignRow], scenario: str, pages: Mapping[int, 
     low, high = figures["interval"]
     share, within = "no run has ended", ""
     if figures["probability"] is not None:
-        share = f"{figures['probability']:.1%} completed"
-        within = f"; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson)"
+        share = f"{percent(figures['probability'], 1)}% completed"
+        within = f"; 95&nbsp;% interval {percent(low, 1)}% to {percent(high, 1)}% (Wilson)"
     body = [
         f"<h1>{escape(Path(scenario).name)}: {share}</h1>",
         f"<p>{figures['runs']} runs{within}.</p>",
@@ -302,9 +302,11 @@ def html_report(rows: Sequence[CampaignRow], scenario: str, pages: Mapping[int, 
         body.append(_table(heads, ((name, *spread.values()) for name, spread in figures["distributions"].items())))
     body += [f"<p>{escape(line)}</p>" for line in _unmeasured(figures)]
     for name, judged in figures["properties"].items():
-        share = "not judged" if judged["violation"] is None else f"P(violation) {judged['violation']:.1%}"
+        share = "not judged" if judged["violation"] is None else f"P(violation) {percent(judged['violation'], 1)}%"
         low, high = judged["interval"]
-        body.append(f"<h2>{escape(name)}: {share}</h2><p>95&nbsp;% interval {low:.1%} to {high:.1%}</p>")
+        body.append(
+            f"<h2>{escape(name)}: {share}</h2><p>95&nbsp;% interval {percent(low, 1)}% to {percent(high, 1)}%</p>"
+        )
         body.append(_table(("verdict", "runs"), judged["verdicts"].items()))
         if judged["slack"]:
             body += ["<p>Slack of runs in which it holds</p>", _histogram(slacks(rows, name))]

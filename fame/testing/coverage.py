@@ -20,6 +20,7 @@ from fame.bpmn.model import Definitions, Element, Process, SequenceFlow
 from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError
 from fame.testing.elements import parts
+from fame.text import percent
 
 if TYPE_CHECKING:
     from fame.testing.mission import MissionUnderTest
@@ -184,7 +185,7 @@ def text_report(coverage: Coverage) -> Iterator[str]:
     for process in coverage.processes():
         (elements, all_elements), (flows, all_flows) = process.counts(flows=False), process.counts(flows=True)
         total = all_elements + all_flows
-        share = f"{100 * (elements + flows) / total:.0f} %" if total else "-"
+        share = f"{percent((elements + flows) / total)} %" if total else "-"
         rows.append(
             (f"{_short(process.file)}: {process.name}", f"{elements}/{all_elements}", f"{flows}/{all_flows}", share)
         )
@@ -201,7 +202,7 @@ def text_report(coverage: Coverage) -> Iterator[str]:
     for test, outcome in coverage.doubtful().items():
         yield f"covers, but has not passed: {test} ({outcome})"
     yield from coverage.stale()
-    yield f"total: {coverage.percent():.1f} %" + ("" if len(rows) > 1 else ": no test has loaded a model")
+    yield f"total: {percent(coverage.percent() / 100, 1)} %" + ("" if len(rows) > 1 else ": no test has loaded a model")
 
 
 def json_report(coverage: Coverage) -> dict[str, Any]:
@@ -258,7 +259,7 @@ def html_report(coverage: Coverage) -> str:
     from html import escape
 
     body = [
-        f"<h1>Model coverage: {coverage.percent():.1f} %</h1>",
+        f"<h1>Model coverage: {percent(coverage.percent() / 100, 1)} %</h1>",
         f"<pre>{escape(chr(10).join(text_report(coverage)))}</pre>",
     ]
     by_file: defaultdict[str, list[ProcessCoverage]] = defaultdict(list)

@@ -223,10 +223,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if coverage is None:
         return
     from fame.testing.coverage import text_report
+    from fame.text import percent
 
     terminalreporter.section("model coverage")
     for line in text_report(coverage):
         terminalreporter.line(line)
     least = config.getoption("cov_model_fail_under")
     if least is not None and coverage.percent() < least:
-        terminalreporter.line(f"model coverage of {coverage.percent():.1f} % is below {least:g} %", red=True)
+        terminalreporter.line(
+            f"model coverage of {percent(coverage.percent() / 100, 1)} % is below {least:g} %", red=True
+        )

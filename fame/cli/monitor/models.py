@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import ROWS, Commands, Parser, add_json, add_rows, add_time_unit, command, group, namespace
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN, ConfigError
+from fame.text import percent
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -148,7 +149,7 @@ def _print(judgement: JudgedRuns) -> None:
     rows = [
         (
             str(run.number), Path(run.file).name, run.verdict, f"{run.score:.3g}" if run.ratios.size else "-",
-            f"{100 * run.share:.0f} %", f"{run.seconds:.1f} s", "" if run.latency is None else f"{run.latency:.3g} s",
+            f"{percent(run.share)} %", f"{run.seconds:.1f} s", "" if run.latency is None else f"{run.latency:.3g} s",
             "; ".join((*map(_event, [run.events] if run.events else []), *run.notes)),
         )
         for run in judgement.runs
