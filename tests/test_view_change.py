@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -21,6 +24,8 @@ from fame.clock import WallScheduler
 from fame.deploy import EngineNode
 from fame.deploy.options import EngineOptions
 from fame.deploy.signing import new_keys, read_private, read_trusted
+from fame.edit import modeler
+from fame.edit.session import ModelEdit
 from fame.errors import FameError
 from fame.middleware.local import LocalMiddleware
 from fame.view import Server, TeamView
@@ -70,6 +75,36 @@ def test_robots_that_run_different_versions_show_the_code_that_is_new_to_each() 
     change._compare(about)
     change.close()
     assert [(one.old_texts, robots) for one, robots in about.changes] == [(("n = 1",), ["A"]), (("n = 2",), ["B", "C"])]
+
+
+def test_the_editor_has_the_page_below_its_own(team: Team, tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(NEW)
+    team.propose(NEW)
+    with ModelEdit(tmp_path / "m.bpmn", tmp_path) as edit:
+        assert edit.mission()["team"] is False
+        edit.change = team.change
+        with Server(edit) as server:
+            hash = team.shown()["hash"]
+            shown = json.load(urlopen(f"{server.address}change/mission.json"))["change"]
+            assert {one["id"] for one in shown["changes"]} == {"Mow", "Cut", "f1", "f2", "Sign"}
+            command = json.dumps({"do": "migrate", "hash": hash, "force": True}).encode()
+            assert "REX: started" in urlopen(f"{server.address}change/control", command).read().decode()
+            assert edit.mission()["team"] is True
+
+
+@pytest.mark.processes
+def test_a_team_is_beside_the_editor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    modeler.home().mkdir(parents=True)
+    (modeler.home() / "LICENSE").touch()
+    (tmp_path / "m.bpmn").write_text(NEW)
+    words = [sys.executable, "-m", "fame", "edit", str(tmp_path / "m.bpmn"), "--team", "--no-open"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as page:
+        assert page.stdout is not None
+        address = page.stdout.readline().strip()
+        eventually(lambda: b"no robot" in urlopen(f"{address}change/mission.json").read())
+        page.terminate()
+        assert page.wait(60) == 0
 
 
 def test_an_error_that_nobody_foresaw_is_told_and_the_next_model_is_examined(team: Team, monkeypatch: Any) -> None:

@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import threading
 from argparse import Namespace
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, add_from_room, add_library, command
+from fame.cli.arguments import Commands, add_from_room, add_key, add_library, command, private_key
+from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError
 from fame.rooms import VIEW_ADDRESS, VIEW_SERVING, load
 from fame.text import unreadable
 
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.edit.session import ModelEdit
+    from fame.middleware.interface import Middleware
+    from fame.view import TeamView
+
 _LARGEST = 20_000_000
 """Bytes of the library that draws; version 5.35.0 has 6 million."""
+_STAYS = "The page stays until Ctrl-C."
 _EXAMPLES = (
     "fame edit --fetch",
     "fame edit mission.bpmn",
     "fame edit examples/agriculture.yaml --port 8080 --no-open",
+    "fame edit mission.bpmn --team",
 )
 
 
@@ -40,7 +50,14 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--modeler", type=Path, metavar="FILE.tgz", help="take the library from this file, which npm pack makes"
     )
+    parser.add_argument(
+        "--team", action="store_true",
+        help="add the page of what each save would change in the robots on the network, which deploys and migrates: "
+        "whoever has its address can run code on them",
+    )  # fmt: skip
     add_from_room(parser, VIEW_ADDRESS)
+    add_key(parser, "--team: sign what is deployed")
+    add_network(parser)
     add_library(parser)
 
 
@@ -72,9 +89,31 @@ def run(arguments: Namespace) -> int:
     Library(arguments.library)  # a folder that is not there is told before the page is served
     with (
         ModelEdit(arguments.subject, installed(), arguments.library, arguments.types) as source,
-        load(VIEW_SERVING)(source, arguments),
+        ExitStack() as served,
         suppress(KeyboardInterrupt),
     ):
-        note("The page stays until Ctrl-C.")
+        if arguments.team:
+            _beside_team(source, served, arguments)
+            return 0
+        served.enter_context(load(VIEW_SERVING)(source, arguments))
+        note(_STAYS)
         threading.Event().wait()
     return 0
+
+
+def _beside_team(source: ModelEdit, served: ExitStack, arguments: Namespace) -> None:
+    """Serve the page, and below it that of what a running team would change, until Ctrl-C."""
+    from fame.scenario import serve
+    from fame.view import TeamView
+
+    key = private_key(arguments)
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> TeamView:
+        view = TeamView(middleware, scheduler, key=key, who=person())
+        view.allow_change(source.model, arguments.library)
+        source.change = view.change
+        served.enter_context(load(VIEW_SERVING)(source, arguments))
+        note(_STAYS)
+        return view
+
+    serve(arguments.middleware, arguments.network, build)

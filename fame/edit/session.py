@@ -38,6 +38,7 @@ from fame.rooms import ADD_DIAGRAM, load
 from fame.scenario.plan import ScenarioFile, known_to_check
 from fame.scenario.scenario import world_topics
 from fame.text import unreadable, write_file
+from fame.view.change import ModelChange
 from fame.view.watch import ModelWatch
 
 _NEW = b"""<?xml version="1.0" encoding="UTF-8"?>
@@ -98,6 +99,7 @@ class ModelEdit(ModelWatch):
         parse(self._content(), str(self.model))
         self._explorer = Explorer(subject, self.model, library, types)
         self.run = EditedRun(subject, library)
+        self.change: ModelChange | None = None  # what a team would change, if there is one
         super().__init__(subject, library, wait=not self.model.exists())
 
     def close(self) -> None:
@@ -141,6 +143,7 @@ class ModelEdit(ModelWatch):
             "modeler": "camunda-cloud" if cloud else "camunda-platform",
             "templates": [] if cloud else self._templates(),
             "control": ["save", "check", "compare", "explore"],
+            "team": self.change is not None,
             "robots": [],
         }
 

@@ -2,7 +2,7 @@
 
 import { Completion } from "./complete.js";
 import { Commits } from "./commits.js";
-import { byId, h, icon, messageOf } from "./dom.js";
+import { byId, h, icon, messageOf, show } from "./dom.js";
 import { Exploring } from "./explore.js";
 import { mend } from "./fixes.js";
 import { Running } from "./run.js";
@@ -15,7 +15,7 @@ const COUNTS = { error: "failed", warning: "warning", note: "" };
 
 /**
  * @typedef {import("./explore.js").Finding} Finding
- * @typedef {{title: string, text: string, hash: string, modeler: string, templates: object[]}} Model
+ * @typedef {{title: string, text: string, hash: string, modeler: string, templates: object[], team?: boolean}} Model
  */
 
 /** @param {string} address */
@@ -249,11 +249,13 @@ class Edit {
     const tool = (id, name, picture, action) =>
       h("button", { id, title: name, "aria-label": name, onclick: action }, icon(picture));
     const stack = this.modeler.get("commandStack");
-    byId("tools").replaceChildren(
+    show(
+      byId("tools"),
       tool("undo", "Undo (Ctrl Z)", "back", () => stack.undo()),
       tool("redo", "Redo (Ctrl Y)", "forth", () => stack.redo()),
       tool("fit", "Fit the diagram", "fit", () => this.fit()),
       this.commits.button(),
+      this.mission.team && h("a", { href: "change/", target: "_blank", rel: "noopener" }, "Team"),
       h("button", { id: "save", cls: "text strong", title: "Ctrl S", onclick: () => this.save() }, "Save"),
     );
     addEventListener("keydown", (event) => {
