@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, Turns, WallScheduler
+from fame.middleware.data_scheduler import DataScheduler
 
 
 def test_simulated_time_jumps_to_the_next_entry_and_reads_no_wall_clock() -> None:
@@ -284,3 +285,55 @@ def test_a_mission_that_enters_itself_again_lets_others_run_and_its_time_is_that
     wall.at(7, lambda: seen.append(turns.now))
     wall.run()
     assert seen[:2] == ["again", 7]
+
+
+class Arrivals:
+    """A waiter that has these messages, one each time."""
+
+    def __init__(self, scheduler: DataScheduler, *actions: Callable[[], object]) -> None:
+        self.scheduler, self.actions = scheduler, list(actions)
+
+    def wait(self, timeout: int) -> None:
+        if self.actions:
+            self.scheduler.arrived(self.actions.pop(0))
+
+    def wake(self) -> None: ...
+
+
+def test_a_message_comes_after_what_was_due_before_it_and_before_what_is_due_later() -> None:
+    scheduler, seen = DataScheduler(), list[str]()
+    scheduler.at(0, lambda: seen.append("before")).cancel()
+    scheduler.at(1, lambda: seen.append("before"))
+
+    def first() -> None:
+        seen.append("first")
+        scheduler.soon(lambda: seen.append("later"))
+        scheduler.after(SECOND // 100, scheduler.stop)
+
+    scheduler.waiter = Arrivals(scheduler, first, lambda: seen.append("second"))
+    scheduler.run()
+    assert seen[:2] == ["before", "first"]
+    assert sorted(seen[2:]) == ["later", "second"]
+
+
+def test_a_message_that_came_at_the_end_of_a_run_is_for_the_next() -> None:
+    scheduler, seen = DataScheduler(), list[str]()
+    scheduler.waiter = arrivals = Arrivals(scheduler, lambda: seen.append("message"))
+    while arrivals.actions:
+        scheduler.run(until=scheduler.now)
+    scheduler.run(until=scheduler.now)
+    assert seen == ["message"]
+
+
+def test_a_message_that_another_thread_has_handled_runs_in_that_of_the_scheduler() -> None:
+    scheduler, seen = DataScheduler(), list[int]()
+    scheduler.run(until=scheduler.now)
+
+    def note() -> None:
+        seen.append(threading.get_ident())
+
+    other = threading.Thread(target=scheduler.arrived, args=(note,))
+    other.start()
+    other.join()
+    scheduler.run(until=scheduler.now)
+    assert seen == [threading.get_ident()]

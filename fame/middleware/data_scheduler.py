@@ -8,6 +8,7 @@ busy.
 from __future__ import annotations
 
 import threading
+from collections import deque
 from typing import Protocol
 
 from fame.clock import SECOND, Action, Entry, Kind, WallScheduler
@@ -39,11 +40,19 @@ class DataScheduler(WallScheduler):
         self.waiter: Waiter | None = None
         self._polled = 0
         self._runner = 0
+        self._arrived: deque[tuple[int, Action]] = deque()  # time, and what to do with a message
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         entry = super().at(time, action, kind)
         self._wake()
         return entry
+
+    def arrived(self, action: Action) -> None:
+        """Do `action`, with a message that the waiter has handled, as `soon` does; in this thread far cheaper."""
+        if threading.get_ident() == self._runner:
+            self._arrived.append((self.now, action))
+        else:
+            self.soon(action)
 
     def stop(self) -> None:
         super().stop()
@@ -58,6 +67,8 @@ class DataScheduler(WallScheduler):
             now = self.now
             if now - self._polled > _POLL:
                 self._wait_for_data(waiter, 0)
+            if self._arrived and not self._stopping and (action := self._take_arrived(until)):
+                return action
             with self._changed:
                 if self._stopping:
                     return None
@@ -69,8 +80,17 @@ class DataScheduler(WallScheduler):
                     if action := self._take():
                         return action
                     continue
-            self._wait_for_data(waiter, min(end - now, _MAX_WAIT))
+            self._wait_for_data(waiter, 0 if self._arrived else min(end - now, _MAX_WAIT))
         return super()._wait(until)
+
+    def _take_arrived(self, until: int | None) -> Action | None:
+        """Take the first message, if nothing was due before it."""
+        time, action = self._arrived[0]
+        heap = self._heap
+        if (heap and heap[0][0] < time) or (until is not None and time > until):
+            return None
+        self._arrived.popleft()
+        return action
 
     def _wake(self) -> None:
         if self.waiter is not None and threading.get_ident() != self._runner:

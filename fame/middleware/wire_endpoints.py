@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.errors import MessageError
 from fame.middleware import codec, messages
+from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import (
     dropped_warning,
     lost_text,
@@ -134,7 +135,8 @@ class WireSubscription(WireTopicEndpoint):
         self._queue: deque[bytes] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
         self._scheduled = False
         self._unreadable = 0
-        self._soon = node.middleware.scheduler.soon
+        scheduler = node.middleware.scheduler
+        self._soon = scheduler.arrived if isinstance(scheduler, DataScheduler) else scheduler.soon
 
     def ignore(self, publisher: Any) -> None:
         """Drop the messages of a publisher of the same node, if the backend does not do so by itself."""

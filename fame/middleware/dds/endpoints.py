@@ -246,7 +246,7 @@ class _Exchange:
 
     def close(self) -> None:
         self.closed = True
-        self.participant.delete(self.writer)
+        self.participant.delete_soon(self.writer)
         self.participant.delete(self.reader)
 
     def _read(self, data: bytes, sender: int) -> None:
