@@ -474,6 +474,18 @@ def test_each_client_gets_its_own_responses(here: World) -> None:
     here.until(lambda: seen == {True: [True] * 3, False: [False] * 3})
 
 
+def test_a_burst_of_requests_is_answered_whole(here: World) -> None:
+    """More come before anybody takes one than ROS keeps of a service, as over a link that has lost the first."""
+    here.node("gripper").service("/grip", SET_BOOL, lambda request: {"success": request.data})
+    clients, answered = [here.node(f"client_{number}").client("/grip", SET_BOOL) for number in range(2)], list[int]()
+    here.until(lambda: all(client.available for client in clients))
+    for _ in range(60):
+        for number, client in enumerate(clients):
+            client.call(True, lambda response, number=number: answered.append(number))
+    here.until(lambda: len(answered) == 120)
+    assert answered.count(0) == 60
+
+
 def test_a_service_takes_and_gives_defaults_for_none_within_a_node_too(here: World) -> None:
     seen: list[Any] = []
     node = here.node("a")

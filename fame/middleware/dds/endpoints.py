@@ -187,8 +187,9 @@ class DdsSubscription(WireSubscription):
 
 # ---- services and clients --------------------------------------------------------------------------------------------
 
-_QOS = QoS(depth=10)
-"""The quality of service of services in ROS: reliable, volatile, keep last 10."""
+_QOS = QoS(depth=1000)
+"""The quality of service of services in ROS, reliable and volatile, but for its depth of 10: all clients of a service
+share the history of its responses, and over a link that loses packets one is dropped before it is sent again."""
 
 _NUMBERS = struct.Struct("<Qq")
 _START = wire.HEADER + _NUMBERS.size

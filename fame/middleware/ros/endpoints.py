@@ -128,6 +128,8 @@ def _seconds(time: Duration) -> float | None:
 
 _MAX_BATCH = 100
 """Number of messages that are taken in a row if the history is not bounded."""
+_SERVICES = QoSProfile(depth=1000)
+"""As in `fame.middleware.dds.endpoints`: reliable, volatile, with more than the 10 that a burst exceeds."""
 _POLL = SECOND // 10
 """How often a client that waits for a response checks whether its service is still there (ns)."""
 
@@ -343,7 +345,9 @@ class RosService(WireService):
         self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
         self._responses: deque[tuple[Any, Any]] = deque()
         group = ReentrantCallbackGroup()  # a deferred response does not keep other requests to the node waiting
-        self._end = ros.node.create_service(self._class, name, self._on_request, callback_group=group)
+        self._end = ros.node.create_service(
+            self._class, name, self._on_request, qos_profile=_SERVICES, callback_group=group
+        )
 
     def release(self) -> None:
         self._ros.node.destroy_service(self._end)
@@ -384,7 +388,7 @@ class RosClient(WireClient):
         super().__init__(node, ros.node.resolve_service_name(name), type)
         self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
         try:
-            self._end = ros.node.create_client(self._class, name)
+            self._end = ros.node.create_client(self._class, name, qos_profile=_SERVICES)
         except RuntimeError as error:  # Fast DDS: a process knows one type of a service
             offers = node.middleware.offers(self.name)
             raise self.unavailable(offers) if offers else MessageError(f"{self.name}: {error}", type=type) from None
