@@ -55,7 +55,7 @@ DRIVE, DELAY = 1.0, 0.05
 DOWN, UP = (0.0, 15.0), (10.0, 40.0)
 """Bounds of how long an engine is down, and of the time to the next kill (s); leases end after 10 s."""
 _LOST = re.compile(
-    r"has not acknowledged (?:number \d+|(\d+) of the numbers)|: (\d+) acknowledged signals were not taken"
+    r"has not acknowledged (?:number \d+|(\d+) of the numbers)|: (\d+) acknowledged signals were (?:not taken|dropped)"
 )
 """What engines report of signals."""
 SETTLING, PATIENCE = 75.0, 120.0

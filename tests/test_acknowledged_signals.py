@@ -274,6 +274,18 @@ def test_what_a_new_deployment_ends_in_a_queue_is_reported():
     assert running.instances[-1].variables["n"] == len(taken) + many
 
 
+def test_what_a_full_queue_drops_is_reported_when_it_begins_and_counted():
+    field = Field("A", "B")
+    slow = team(robots="B").replace("kept = kept + [tick]", "kept = kept + [tick]\nif tick == 1:\n    await sleep(20)")
+    slow = slow.replace('<c:property name="queue" value="500"/>', '<c:property name="queue" value="5"/>')
+    field.deploy(slow)
+    said = told(field, "B")
+    field.pass_time(15)
+    taken, (text,) = kept(field, "B"), said
+    many = int(re.fullmatch(r"/tick: (\d+) acknowledged signals were dropped from a full queue", text)[1])
+    assert taken == [1, *range(2 + many, 2 + many + len(taken) - 1)]
+
+
 def test_a_process_that_ends_accepts_nothing_that_it_would_lose():
     field = Field("A", "B")
     field.deploy(team(robots="B"))

@@ -85,6 +85,7 @@ class AcknowledgedSignals:
         }
         self.incoming: dict[str, Incoming] = {name: Incoming(self.life) for name, use in uses.items() if use.catches}
         self._begun, self._catches = False, True
+        self._dropped: dict[str, int] = {}  # signals that full queues have dropped, by topic
         self._timer: Entry | None = None
         self._trips: dict[tuple[str, str], RoundTrip] = {}
         self._congested: set[tuple[str, str]] = set()
@@ -144,13 +145,28 @@ class AcknowledgedSignals:
     def end(self) -> None:
         """Accept nothing more: the process has ended, and would lose it. Report what waits in its queues."""
         self._catches = False
-        listeners = self._node.engine.listeners
         for name in self.incoming:
-            boxes = [box for box in listeners.get(name, ()) if isinstance(box, Mailbox)]
-            if many := sum(len(box.messages) for box in boxes):
+            self._report_dropped(name)
+            if many := sum(len(box.messages) for box in self._queues(name)):
                 self._report(
                     f"{name}: {many} acknowledged signals were not taken from a queue before the mission was replaced"
                 )
+
+    def _queues(self, name: str) -> list[Mailbox]:
+        return [box for box in self._node.engine.listeners.get(name, ()) if isinstance(box, Mailbox)]
+
+    def _count_dropped(self, name: str) -> None:
+        """Report when queues that are full begin to drop their oldest signals, and how many they have dropped."""
+        if any(len(box.messages) == box.messages.maxlen for box in self._queues(name)):
+            if name not in self._dropped:
+                self._report(f"{name}: a queue is full and drops its oldest signals, which were acknowledged")
+            self._dropped[name] = self._dropped.get(name, 0) + 1
+        else:
+            self._report_dropped(name)
+
+    def _report_dropped(self, name: str) -> None:
+        if many := self._dropped.pop(name, 0):
+            self._report(f"{name}: {many} acknowledged signals were dropped from a full queue")
 
     def report_owed(self) -> None:
         """Report what nobody will send again: another process replaces this one."""
@@ -302,6 +318,7 @@ class AcknowledgedSignals:
         self.incoming[name], actions = step_incoming(self.incoming[name], event)
         for action in actions:
             if isinstance(action, Accept):
+                self._count_dropped(name)
                 self._node.on_message(name, message)
             else:
                 self._answer(name, action)
