@@ -92,8 +92,10 @@ n, name, run = 0, '{robot}', round(robot.now, 3)</script></scriptTask><parallelG
 <scriptTask id="seen"><script>
 seen, lost = reached_{other}, 'lost ' + reached_{other}</script></scriptTask>
 <serviceTask id="note" name="Note">{note}</serviceTask><boundaryEvent id="doubtful" attachedToRef="note">
-<errorEventDefinition/></boundaryEvent><serviceTask id="say" name="Say">{lost}</serviceTask>"""
+<errorEventDefinition/></boundaryEvent><serviceTask id="say" name="Say">{lost}</serviceTask>
+<boundaryEvent id="unsaid" attachedToRef="say"><errorEventDefinition/></boundaryEvent>"""
     flows = "s zero fork more next go told throw more|fork again hear seen note again|failed more|doubtful say again"
+    flows += "|unsaid say"
     arrows = [pair for line in flows.split("|") for pair in zip(line.split(), line.split()[1:], strict=False)]
     drawn = "".join(
         f'<sequenceFlow id="f{number}" sourceRef="{source}" targetRef="{target}"/>'
@@ -276,7 +278,8 @@ def judged(folder: Path) -> dict[str, Any]:
         "goals": len(goals), "reached": sum(all["succeeded"] for all in goals.values()),
         "sent_again": sum(all["begun"] > 1 for all in goals.values()),
         "not_reached": left, "noted": len(done),
-        "said_to_be_lost": len(said - done), "said_and_done": len(said & done), "missing": missing,
+        "said_to_be_lost": len(said - done), "said_and_done": len(said & done), "missing": len(missing),
+        "first_missing": missing[:20],
         "reported_as_lost": told,
         "runs": len(order), "wrong": wrong,
         "logs": {robot: _repeated(text) for robot, text in logs.items()},
