@@ -197,6 +197,7 @@ class EngineNode:
             self._answer_task,
             self._verifier.verify_task,
             refuse=self._refuse_task,
+            resuming=lambda: self.resuming,
             now=lambda: self.scheduler.now / SECOND,
         )
         if self._options.recordings is not None:

@@ -113,7 +113,8 @@ class TaskServer:
 
     `check` raises DeploymentError for a request that no trusted key signed, and returns the fingerprint of the key, if
     there is one. `refuse` raises it for a request that cannot be met now: once refused, it is not carried out when it
-    arrives again. `now` gives the seconds of a clock that is never set.
+    arrives again. While `resuming`, no request is answered: the engine before may have done it. `now` gives the seconds
+    of a clock that is never set.
     """
 
     def __init__(
@@ -124,10 +125,11 @@ class TaskServer:
         check: Callable[[TaskRequest], str] = lambda request: "",
         *,
         refuse: Callable[[TaskRequest], object] = lambda request: None,
+        resuming: Callable[[], bool] = lambda: False,
         now: Callable[[], float],
     ) -> None:
         self._running, self._report, self._check, self._now = running, report, check, now
-        self._refuse = refuse
+        self._refuse, self._resuming = refuse, resuming
         self._answers: dict[str, tuple[str, str, str, float]] = {}  # the oldest first, and until when each stays
         self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
         self._end.max_size = SIZE
@@ -148,6 +150,8 @@ class TaskServer:
         except Exception as error:  # no message ends an engine
             self._report("refused", id, unexpected(error), cause="error")
             return
+        if self._resuming():
+            return  # it is asked again
         now = self._now()
         answer, reason, cause, until = self._answers.get(request.id) or (*self._answer(request, signer), 0.0)
         self._answers[request.id] = answer, reason, cause, now + _REPLAYED if signer else until

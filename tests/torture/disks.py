@@ -41,6 +41,7 @@ class Disk:
         self.trouble = 0  # errno of every write from now on
         self.room: int | None = None  # bytes that are left
         self.fuse: int | None = None  # operations until the power goes
+        self.begun: dict[Node, int] = {}  # the sizes of files when what syncs them now began
 
     # ---- faults ------------------------------------------------------------------------------------------------------
 
@@ -100,6 +101,10 @@ class Disk:
             disk._files[path] = kept = Node()
             kept.data = bytearray(node.synced)
         return disk
+
+    def sizes(self) -> dict[Node, int]:
+        """How much of each file is written, synced or not (bytes)."""
+        return {node: len(node.data) for node in self._files.values()}
 
     @property
     def content(self) -> dict[Path, bytes]:
@@ -182,7 +187,8 @@ class File:
 
     def sync(self) -> None:
         self._disk._operate()
-        self._node.synced = bytes(self._node.data)
+        data = bytes(self._node.data)
+        self._node.synced = data[: max(self._disk.begun.get(self._node, len(data)), len(self._node.synced))]
 
     def close(self) -> None:
         pass

@@ -15,7 +15,7 @@ import sys
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from fame.bpmn.pools import pools_of, shared_topics
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler, date_text
 from fame.engine.program import USER
+from fame.middleware import messages
 from fame.middleware.actions import ActionServer, ServerGoal
 from fame.middleware.interface import QoS
 from fame.middleware.local import LocalMiddleware
@@ -59,7 +60,7 @@ DRIVE = "nav2_msgs/action/NavigateToPose"
 ASK = "std_srvs/srv/SetBool"
 _ALL = QoS(history="keep_all")
 _PAIR = "diagnostic_msgs/msg/KeyValue"
-GOALS = {"fast": 0, "slow": 1, "rejected": 2, "aborted": 3}
+GOALS = {"fast": 0, "slow": 1, "rejected": 2, "aborted": 3, "long": 4}
 """What the server makes of a goal: `y` of its position. `x` is its number, and its frame the robot."""
 
 
@@ -142,8 +143,11 @@ class _Lasting(_Process):
         kept = _properties(queue="5") + self.message(what)
         return self.after(before, self.node("intermediateCatchEvent", kept, "", "inbox"))
 
-    def _go(self, before: str, retry: str, how: str, limit: str = "") -> str:
-        """A goal; one that is refused, aborted or not done within `limit` is an error, which goes on."""
+    def _go(self, before: str, retry: str, how: str, limit: str = "", recovers: bool = False) -> str:
+        """A goal; one that is refused, aborted or not done within `limit` is an error, which goes on.
+
+        If it `recovers`, it is given up as soon as the robot is back after a crash.
+        """
         goal = f"goal_{self._place[0]}"  # branches share variables
         count = f"done['goal'] = done.get('goal', 0) + 1\n{goal} = 1000 * version + done['goal']"
         position = f"{{x: ${{{goal}}}, y: {GOALS[how]}, z: {RETRIES.index(retry)}}}"
@@ -155,8 +159,11 @@ class _Lasting(_Process):
             late = self.node("boundaryEvent", self.trigger(f"timer {limit}"), f'attachedToRef="{made}"', "go")
             merge = self.node("exclusiveGateway", "", "", "merge")
             self.flow(made, merge)
+            if recovers:
+                caught = _properties(type="std_msgs/msg/Float64") + self.signal("recovered")
+                self.flow(self.node("boundaryEvent", caught, f'attachedToRef="{made}"', "go"), merge)
             return self.after(late, merge)
-        if GOALS[how] < 2:
+        if how not in ("rejected", "aborted"):
             return made
         self.flow(made, self.node("endEvent", "", "", "loose_end"))
         return self.node("boundaryEvent", self.trigger(f"error {how}"), f'attachedToRef="{made}"', "caught")
@@ -251,6 +258,16 @@ class _Lasting(_Process):
         self.flow(never, self.node("endEvent", "", "", "end"))
         return self.node("boundaryEvent", timer, f'attachedToRef="{never}"', "limit")
 
+    def _never(self, before: str, body: Sequence[Step]) -> str:
+        """An activity with a boundary event that is armed, and never comes."""
+        made = self.steps(before, body)
+        assert made is not None
+        if made != before:  # it has not been removed
+            how = f'attachedToRef="{made}" cancelActivity="{str(self.drawn.random() < 0.5).lower()}"'
+            event = self.node("boundaryEvent", self.signal("never"), how, "unheard")
+            self.flow(event, self.node("endEvent", "", "", "loose_end"))
+        return made
+
     def _caught(self, before: str, body: Sequence[Step], code: str) -> str:
         """A sub-process that ends with an error, which its boundary event catches."""
         host = self._sub(before, [*body, ["error", 2000 + self._place[0], code]])
@@ -322,7 +339,8 @@ def text_of(mission: Mission, version: int) -> str:
         processes.append(f'<process id="P_{name}" isExecutable="true">{"".join(made.text)}</process>')
         if name in mission["robots"]:
             pools.append(f'<participant id="Pool_{name}" name="{name}" processRef="P_{name}"/>')
-    named = "".join(f'<signal id="Signal_{name}" name="{name}"/>' for name in sorted(signals))
+    own = {"recovered": "~/recovered"}
+    named = "".join(f'<signal id="Signal_{name}" name="{own.get(name, name)}"/>' for name in sorted(signals))
     named += "".join(f'<message id="Message_{name}" name="{name}"/>' for name in sorted(messages))
     named += "".join(f'<error id="Error_{code}" errorCode="{code}"/>' for code in (*CODES, *GOALS))
     team = f'<collaboration id="Team">{"".join(pools)}</collaboration>'
@@ -404,7 +422,7 @@ def durations_of(mission: Mission) -> dict[str, float]:
 def draw(seed: int) -> Mission:
     """A mission: one in ten is one of those that explorations are compared with; most others are calm."""
     chance = random.Random(f"mission {seed}")
-    mission = _explored(seed) if chance.random() < 0.08 else _Drawing(chance, calm=chance.random() < 0.88).mission()
+    mission = _explored(seed) if chance.random() < 0.08 else _Drawing(chance, calm=chance.random() < 0.9).mission()
     steps = [step for part in ("robots", "calls") for all in mission[part].values() for step in _editable(all)]
     for version in ("2", "3", "4"):
         if steps and chance.random() < 0.8:
@@ -432,7 +450,7 @@ def _edit(chance: random.Random, step: Step) -> Step:
         return [number, "changed", f"PT{chance.choice((1, 2, 8))}S"]
     if kind in ("throw", "catch", "queue", "send", "inbox") and chance.random() < 0.5:
         return [number, "changed", chance.choice("abm")]
-    handled = [["changed"]] * (kind in _OTHER) + [["bare"]] * (kind in (*_OTHER, "limit", "resume"))
+    handled = [["changed"]] * (kind in _OTHER) + [["bare"]] * (kind in (*_OTHER, "limit", "resume", "never"))
     others = [["wrapped"], ["before", "note"], ["before", "work"], ["before", "person"], ["removed"]]
     return [number, *chance.choice(handled * 3 or others)]
 
@@ -480,6 +498,7 @@ EDITS = ("removed", "wrapped", "before", "changed", "bare")
 """What is counted: kinds of steps, a robot of which has come to one; kinds of edits between two versions that met."""
 
 
+_ACTIVITIES = ("work", "person", "sub", "each", "turns", "call", "mapped")
 _LEAVES = (*_SIMPLE, "throw", "catch", "queue", "send", "inbox", "fail")
 
 
@@ -526,6 +545,11 @@ class _Drawing:
         return [self.step(depth, alone=alone) for _ in range(self.chance.randint(1, most))]
 
     def step(self, depth: int, *, alone: bool = False, nests: bool = False) -> Step:
+        made = self._step(depth, alone=alone, nests=nests)
+        guarded = made[0] in _ACTIVITIES and self.chance.random() < 0.4
+        return ["never", self.next(), [made]] if guarded else made
+
+    def _step(self, depth: int, *, alone: bool = False, nests: bool = False) -> Step:
         """`alone`: in a process that others call, with their variables or its own. `nests`: in another pause."""
         chance, number = self.chance, self.next()
         kinds = [*self._simple, *self._nested, *(() if self.calm else self._wild)]
@@ -543,14 +567,10 @@ class _Drawing:
             case "work":
                 return [kind, number, chance.choice(("0.5", "2", "5"))]
             case "go":
-                how = chance.choice((*GOALS, "fast", "slow"))
-                return [
-                    kind,
-                    number,
-                    chance.choice(RETRIES),
-                    how,
-                    *["PT2S"] * (how == "slow" and chance.random() < 0.5),
-                ]
+                how = chance.choice((*GOALS, "fast", "slow", "long"))
+                limits: list[Any] = [[chance.choice(("PT0.3S", "PT2S", "PT2S"))], ["PT8S", True], []]
+                limit = chance.choice(limits[: 3 - (how == "long")]) if how in ("slow", "long") else []
+                return [kind, number, chance.choice(RETRIES), how, *limit]
             case "ask":
                 return [kind, number, chance.choice(("true", "false")), chance.choice(RETRIES)]
             case "and":
@@ -661,11 +681,16 @@ def reference(text: str) -> tuple[dict[str, Outcome], list[str]]:
     cuts = [Partition((one, other), begin, begin + chance.uniform(1, 9)) for (one, other), begin in begins]
     links = (Link(Delay("uniform", 0, 0.1)),)
     middleware = LocalMiddleware(scheduler, network=Network(NetworkConfig(links, tuple(cuts)), 0, scheduler))
-    telling = [name for name in robots if f'"{name}_tell_' in text]
-    arrived = {(name, other): list[int]() for other in telling for name in robots if name != other}
-    for (name, other), counts in arrived.items():
+    telling = [f"tell_{name}" for name in robots if f'"{name}_tell_' in text] + [f"beat_{name}" for name in robots]
+    arrived = {(name, topic): list[int]() for topic in telling for name in robots if name != topic[-1]}
+    for (name, topic), counts in arrived.items():
         observer = middleware.node("observer", name)
-        observer.subscription(f"/tell_{other}", _TOLD["type"], lambda one, counts=counts: counts.append(one.data), _ALL)
+        observer.subscription(f"/{topic}", _TOLD["type"], lambda one, counts=counts: counts.append(one.data), _ALL)
+    for name in robots:  # something that is always under way
+        beat = middleware.node("beating", name).publisher(f"/beat_{name}", _TOLD["type"], _ALL)
+        for number in range(24):
+            message = messages.create(_TOLD["type"], {"data": number})
+            scheduler.at(number * SECOND // 2, partial(beat.publish, message))
     base = middleware.node("base")
     server = ActionServer(base, "/go", DRIVE, end_goal, lambda goal: True, accept=accepts)
     base.service("/ask", ASK, lambda request: {"success": request.data})
@@ -696,7 +721,7 @@ def reference(text: str) -> tuple[dict[str, Outcome], list[str]]:
         node.close()
     server.close()
     wrong = [
-        f"{name} hears {counts} of {other}" for (name, other), counts in arrived.items() if counts != sorted(counts)
+        f"{name} hears {counts} of {topic}" for (name, topic), counts in arrived.items() if counts != sorted(counts)
     ]
     return found, wrong
 

@@ -48,8 +48,9 @@ class Fabric:
         self.wires: list[Wire] = []
         self.links: dict[tuple[str, str], Link] = {}
         self.cuts: Counter[frozenset[str]] = Counter()  # of machines
+        self.mute: Counter[str] = Counter()  # machines that hear, and are not heard
         self.delay, self.loss = 0.002, 0.0  # s at most, probability
-        self.twice = 0.0  # probability that a message of a protocol which repeats itself arrives again
+        self.twice = 0.0  # probability that a goal, or a message of a protocol which repeats itself, arrives again
         self.struck: Counter[str] = Counter()
         self.published: dict[str, list[tuple[float, str, AnyMessage]]] = {}  # topic -> (s, process, message)
         self.on_published: dict[
@@ -83,6 +84,11 @@ class Fabric:
         """Cut the link between two machines, or mend it."""
         pair = frozenset((one, other))
         self.cuts[pair] = max(0, self.cuts[pair] - 1) if heal else self.cuts[pair] + 1
+        self.check()
+
+    def silence(self, machine: str, by: int = 1) -> None:
+        """Nothing that a machine sends arrives, until that is taken back (-1)."""
+        self.mute[machine] = max(0, self.mute[machine] + by)
         self.check()
 
     def check(self) -> None:
@@ -122,7 +128,8 @@ class Link:
         """Whether messages pass."""
         one, other = self.source.process, self.target.process
         machines = frozenset((one.machine.name, other.machine.name))
-        return one.alive and other.alive and not (one.stopped or other.stopped or self.fabric.cuts[machines])
+        cut = self.fabric.cuts[machines] or self.fabric.mute[one.machine.name]
+        return one.alive and other.alive and not (one.stopped or other.stopped or cut)
 
     def begin(self) -> None:
         """Discover, as soon as the link is up."""
@@ -581,7 +588,9 @@ class Client(End):
         self.wire.fabric.note_published(self, message)
         self._requests.add(self._number, servers, callback, lost, or_new)
         for server in servers:  # as on DDS: the first response counts
-            self._way(self, server, partial(self._handle, server, message, self._number))
+            twice = self.wire.fabric.twice * self.topic.endswith("send_goal")
+            for _ in range(2 if twice and server.wire.process.machine.busy.random() < twice else 1):
+                self._way(self, server, partial(self._handle, server, message, self._number))
 
     def _handle(self, server: Service, request: AnyMessage, number: int) -> None:
         def respond(response: Any) -> None:

@@ -378,7 +378,7 @@ def effects(team: Team) -> Iterator[str]:
         last[version] = count if further_back else max(before, count), process, bisect(starts, time)
 
 
-_LOSING = {"cut", "match", "stop", "kill", "memory", "migrate", "repair", *DISK_FAULTS}
+_LOSING = {"cut", "mute", "match", "stop", "kill", "memory", "migrate", "repair", *DISK_FAULTS}
 """What separates robots, ends one for a while, or lets a person move the token with what it was about to keep."""
 
 
@@ -463,7 +463,7 @@ def works(team: Team) -> Iterator[str]:
 
 
 _SUSPENDING = {
-    "cut", "match", "stop", "loss", "migrate", "full", "read-only", "kill", "suspend",
+    "cut", "mute", "match", "stop", "loss", "migrate", "full", "read-only", "kill", "suspend",
     "kill sender", "stop sender", "kill splitter", "stop splitter",
 }  # fmt: skip
 """What makes robots hold, or lose the server: a goal is cancelled then, and sent again."""

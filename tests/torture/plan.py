@@ -79,6 +79,8 @@ SPLITTER = "kill splitter", "stop splitter"
 MONITOR = "kill monitor", "stop monitor", "cut monitor"
 PROGRAMS = " server", " splitter", " monitor"
 """How the kinds of fault end that strike what runs beside the robots."""
+MORE = ("twice", "mute", "slow disk")
+"""What strikes in a few phases only."""
 RARE = ("battery", "flip")
 """Drawn twice as often as others: few of them meet what a robot has to notice (a digit of a state, a timer)."""
 DISK_FAULTS = ("power", "battery", "fuse", "full", "read-only", "flip", "erase")
@@ -104,7 +106,7 @@ KINDS = {
     "elements": [("element ", kind) for kind in drawn.KINDS],
     "edits": [("edit ", kind) for kind in drawn.EDITS],
     "acts": [("", act) for act in (*dict.fromkeys(ACTS), "deploy", "migrate", "diagram")],
-    "faults": [("", kind) for kind in (*FAULTS, *DISK_FAULTS, *SERVER, "twice", "removed", "memory", "stubborn")],
+    "faults": [("", kind) for kind in (*FAULTS, *DISK_FAULTS, *SERVER, *MORE, "removed", "memory", "stubborn")],
     "row": [("", "crashes in a row")],
 }
 """What is counted, by group: prefix in the counts, and name."""
@@ -158,14 +160,14 @@ def draw(seed: int, *, fixed: bool = False) -> Plan:
     sooner = [replace(step, time=_rounded(step.time * max(heal / LONG, 0.4))) for step in steps]
     plan = Plan(seed, _sorted(step for step in sooner if step.time < heal), heal)
     missions = random.Random(f"drawn {seed}")
-    return _with_mission(plan, drawn.draw(seed), missions) if not fixed and missions.random() < 0.5 else plan
+    return _with_mission(plan, drawn.draw(seed), missions) if not fixed and missions.random() < 0.7 else plan
 
 
 def _added(chance: random.Random, moments: list[tuple[float, str]], begun: float, *, durable: bool) -> list[Step]:
     """What is drawn from numbers of its own, so that no other draw has changed since there is more to draw."""
     watched = chance.random() < 0.25
     steps = [Step(0.0, "watched")] if watched else []
-    for kind in [kind for kind in ("twice", *MONITOR * watched, *RARE * durable) if chance.random() < 0.3]:
+    for kind in [kind for kind in (*MORE, *MONITOR * watched, *RARE * durable) if chance.random() < 0.3]:
         steps += [_when(chance, moments, _fault(chance, kind, begun)) for _ in range(chance.randint(1, 3))]
     return steps
 
@@ -201,7 +203,7 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
     cast |= dict(zip(ROBOTS, chance.sample(names, len(names)), strict=False))
     heal = max(plan.heal, 20.0)
     steps = [Step(_rounded(chance.uniform(0, 2)), "start", robot) for robot in names]
-    keep = chance.random() < 0.95
+    keep = chance.random() < 0.97
     steps += [Step(0.0, "directory", robot) for robot in names if keep or chance.random() < 0.5]
     alone = chance.random() < 0.65  # what strikes is drawn here alone, while the mission runs
     for step in plan.steps if not alone else _first(plan.steps, chance):
@@ -214,17 +216,27 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
             steps.append(replace(step, target=" ".join(words), on=on))
     begun = min((step.time for step in plan.steps if step.kind in ("deploy", "diagram")), default=2.0)
     for _ in range(chance.choice((2, 3, 5) if alone else (0, 1, 2))):
-        steps += _row(chance, chance.choice(names), chance.uniform(begun + 1, heal - 5))
-    if chance.random() < 0.3:
+        steps += _row(chance, chance.choice(names), begun + _early(chance, heal - begun - 5))
+    if chance.random() < 0.4:
         steps += _around(chance, names, chance.uniform(begun + 1, heal - 3))
+    if chance.random() < 0.3:
+        steps += [Step(0.0, "slow disk", robot, chance.choice((0.3, 1.0, 2.5))) for robot in names]
     acts = chance.sample(ACTS, 5)
     for _ in range(chance.choice((0, 0, 3, 8))):
-        steps.append(_act(chance, names, _wanted(chance, acts, chance.uniform(begun, heal))))
-    if chance.random() < 0.4:
-        steps += _replaced(chance, names, chance.uniform(begun + 3, heal - 4))
+        steps.append(_act(chance, names, _wanted(chance, acts, begun + _early(chance, heal - begun))))
+    if chance.random() < 0.5:
+        steps += _replaced(chance, names, begun + 1 + _early(chance, heal - begun - 5))
     if chance.random() < 0.25:
         steps.append(Step(0.0, "stubborn"))
+    if chance.random() < 0.4:  # a network that is bad all the time
+        bad = {"delay": chance.choice((0.2, 0.6, 2.0)), "twice": 0.5, "loss": 0.3}
+        steps += [Step(0.0, kind, "", [bad[kind], heal]) for kind in chance.sample(sorted(bad), 2)]
     return Plan(plan.seed, _sorted(step for step in steps if step.time < heal), heal, mission)
+
+
+def _early(chance: random.Random, end: float) -> float:
+    """A time since a deployment began, mostly while the mission does something (s)."""
+    return chance.uniform(chance.choice((1, 3, 3, 3)), min(end, chance.choice((10, 18, end))))
 
 
 def _wanted(chance: random.Random, acts: Sequence[str], time: float) -> Step:
@@ -257,16 +269,20 @@ def _act(chance: random.Random, names: Sequence[str], step: Step) -> Step:
 def _around(chance: random.Random, names: Sequence[str], time: float) -> list[Step]:
     """What strikes around the robots: the server, the network, or half of the team at once."""
     kind, long = (
-        chance.choice(("kill server", "stop server", "loss", "twice", "delay", "cut", "stop")),
+        chance.choice(("kill server", "stop server", "stop server", "loss", "twice", "delay", "cut", "stop", "mute")),
         6 * chance.random(),
     )
-    time, long = _rounded(time), _rounded(long)
+    time, long, robot = _rounded(time), _rounded(long), chance.choice(names)
+    if kind == "mute":  # the sender, when robots have promised
+        on = (f"{robot} ready", DESK) if chance.random() < 0.7 else ("", robot)
+        return [Step(time, kind, on[1], _rounded(4 + long), on[0])]
     if kind == "stop":
         return [Step(time, kind, robot, long) for robot in chance.sample(names, max(1, len(names) // 2))]
     if kind == "cut":
         return [Step(time, kind, " ".join(chance.sample(names, 2)), 2 * long)]
     amount = _rounded(chance.choice((0.1, 0.5, 2.0 if kind == "delay" else 0.9)))
-    return [Step(time, kind, "", long if kind.endswith("server") else [amount, long])]
+    on = f"{robot} goal" if kind.endswith("server") and chance.random() < 0.5 else ""
+    return [Step(time, kind, "", long if kind.endswith("server") else [amount, long], on)]
 
 
 def _first(steps: Sequence[Step], chance: random.Random) -> list[Step]:
@@ -286,11 +302,13 @@ def _row(chance: random.Random, robot: str, time: float) -> list[Step]:
     if chance.random() < 0.3:  # while somebody has suspended it, or has asked for something else
         acts = ("suspend", "suspend", "suspend", "take_over", "steer", "complete", "set")
         steps.append(replace(_wanted(chance, acts, time - chance.uniform(0.2, 2)), target=robot))
+    moment = chance.choice(("started", "goal", "effect", "", "", "", ""))
     for _ in range(chance.choice((1, 2, 2, 3))):
         away = _rounded(chance.choice((0.2, 1.0, 4.0)) * (0.5 + chance.random()))
         kind = chance.choices(*zip(*_ROW.items(), strict=True))[0]
         value = {"fuse": [chance.choice((0, chance.randrange(12))), away], "full": [chance.randrange(3000), away]}
-        on = f"{robot} started" if kind == "fuse" and chance.random() < 0.3 else ""
+        on = f"{robot} {moment}" if moment and kind in ("fuse", "kill", "power") else ""
+        moment = ""  # what follows is later
         steps.append(Step(_rounded(time), kind, robot, value.get(kind, away), on))
         if kind == "full":  # and again, until it is removed
             steps.append(Step(_rounded(time + away + 0.5), kind, robot, [chance.randrange(3000), away]))
@@ -364,6 +382,10 @@ def _fault(chance: random.Random, kind: str, begun: float) -> Step:
             return Step(time, kind, "", [_rounded(chance.uniform(0.01, 0.6)), long])
         case "delay":
             return Step(time, kind, "", [_rounded(chance.choice((0.05, 0.5, 3.0))), long])
+        case "mute":
+            return Step(time, kind, chance.choice((*ROBOTS, DESK, DESK)), long)
+        case "slow disk":
+            return Step(time, kind, chance.choice((ROBOTS[0], *ROBOTS)), chance.choice((0.3, 1.0, 2.5)))
         case "clock":
             return Step(
                 time,

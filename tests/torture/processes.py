@@ -72,11 +72,16 @@ class Timeline(Scheduler):
         self.now = end
 
 
+WRITING = 0.05
+"""How long a disk takes at most (s) to write what a worker gives it."""
+
+
 class Machine:
-    """A computer: its wall clock may be wrong (`ahead`, s) and too fast (`drift`, s per s)."""
+    """A computer: its wall clock may be wrong (`ahead`, s) and too fast (`drift`, s per s), its disk `slow` (s)."""
 
     def __init__(self, name: str, scheduler: Scheduler, seed: int) -> None:
         self.name, self.ahead, self.drift = name, 0.0, 0.0
+        self.slow = self.slowest = WRITING
         self._scheduler = scheduler
         self.disk = Disk(f"{seed} disk {name}", self.wall_time)
         self.busy = random.Random(f"{seed} busy {name}")
@@ -89,6 +94,10 @@ class Machine:
         """Its clock runs faster or slower from now on, without a jump."""
         self.ahead -= self._scheduler.now / SECOND * (drift - self.drift)
         self.drift = drift
+
+    def slow_down(self, seconds: float) -> None:
+        """Its disk takes so long from now on, which is no fault that ends."""
+        self.slow, self.slowest = seconds, max(self.slowest, seconds)
 
 
 class Process(Scheduler):
@@ -125,7 +134,7 @@ class Process(Scheduler):
         return self._team.enter(self._team.now, self._origin, Entry(0, action, self), kind)
 
     def worker(self, name: str) -> Worker:
-        return _Worker(self, 1.5 if "load" in name else 0.05)
+        return _Worker(self, 1.5 if "load" in name else 0.0)
 
     def stop(self) -> None:
         """SIGSTOP."""
@@ -157,11 +166,15 @@ class Process(Scheduler):
 
 
 class _Worker(Worker):
-    """A worker whose functions take some time, at most `longest` s, and have their effect at its end."""
+    """A worker whose functions take some time, at most `longest` s, or what the disk takes, and have their effect then.
+
+    What they write to the disk is what was there when they began.
+    """
 
     def __init__(self, process: Process, longest: float) -> None:
         self._process, self._longest = process, longest
         self._queue: deque[tuple[Callable[[], Any], Done]] = deque()
+        self._begun: dict[Any, int] = {}
 
     def call(self, function: Callable[[], Any], done: Done) -> None:
         self._queue.append((function, done))
@@ -177,13 +190,20 @@ class _Worker(Worker):
             self._process.soon(partial(done, *outcome(function)))
 
     def _begin(self) -> None:
-        delay = self._process.machine.busy.uniform(0, self._longest)
+        machine = self._process.machine
+        self._begun = machine.disk.sizes()
+        delay = machine.busy.uniform(0, self._longest or machine.slow)
         self._process.after(round(delay * SECOND), self._end, Kind.RESUMPTION)
 
     def _end(self) -> None:
         if self._queue:
             function, done = self._queue[0]
-            found = outcome(function)
+            disk = self._process.machine.disk
+            disk.begun = self._begun
+            try:
+                found = outcome(function)
+            finally:
+                disk.begun = {}
             if self._queue:
                 self._queue.popleft()
             if self._queue:

@@ -292,8 +292,8 @@ class Witness:
         def taken_over(candidate: Any, before: str) -> Any:
             assert engine.running is not None
             new, engine._anew = set(candidate.process.engine.program.elements), ""
-            for element, fate in candidate.envelope.plan.get("elements", {}).items():
-                new -= {element, *(fate.values() if isinstance(fate, dict) else ())}
+            if {*candidate.envelope.plan.get("elements", ())} & {*engine.running.engine.program.elements}:
+                self.changed, new = True, set()
             had, dues = _kept(engine.running, new), _dues(engine.running, new)
             go_on, timers = take_over(candidate, before)
             if engine._anew:

@@ -30,14 +30,15 @@ from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.robot_state import Reply
 from fame.deploy.signing import Identity, _name_of, sign
 from fame.deploy.splitter_node import DIAGRAM, SplitterNode
-from fame.errors import ConfigError, DeploymentError, FameError
+from fame.engine.repair import _tokens as tokens_of, token_at
+from fame.errors import ConfigError, DeploymentError, FameError, MissionError
 from fame.log.engine_log import EngineLog
 from fame.middleware import messages
 from fame.middleware.actions import ActionServer, ServerGoal
 from fame.middleware.interface import DeferredResponse
 from fame.monitor.pipeline.configuration import Configuration, load
 from fame.monitor.pipeline.node import ProcessingNode
-from fame.robot import Event
+from fame.robot import Event, RobotNode
 from fame.robot.journal import StateDirectory
 from fame.scripting.cancelled_goals import BOUND
 
@@ -46,7 +47,7 @@ from .drawn import ASK, GOALS, accepts, durations_of, end_goal, help_needed, is_
 from .fabric import Fabric, Wire
 from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
-from .processes import Machine, Process, Timeline
+from .processes import WRITING, Machine, Process, Timeline
 from .states import Witness, stored
 
 SEND_GOAL = "/go/_action/send_goal"
@@ -287,6 +288,11 @@ class Team:
                     self._start(self.programs[_HELPERS[step.kind]])
             case "splitter":
                 self._start(self.programs[step.target])
+            case "slow disk":
+                self.machines[step.target].slow_down(step.value)
+            case "mute":
+                self.fabric.silence(step.target)
+                self._later(step.value, partial(self.fabric.silence, step.target, -1))
             case "stubborn":
                 self.stubborn = True
             case "repair":
@@ -408,6 +414,7 @@ class Team:
             machine.disk.fuse = machine.disk.room = None
             machine.disk.trouble = 0
         self.fabric.loss, self.fabric.twice, self.fabric.delay = 0.0, 0.0, 0.002
+        self.fabric.mute.clear()
         for pair, count in list(self.fabric.cuts.items()):
             for _ in range(count):
                 self.fabric.cut(*pair, heal=True)
@@ -462,7 +469,7 @@ class Team:
         )
 
     def _begin_server(self, process: Process, wire: Wire) -> ActionServer:
-        """The server of the action `/go`: a goal takes 0.3 s or 6 s, one that it refuses to cancel 12 s more.
+        """The server of the action `/go`: a goal takes 0.3, 6 or 20 s, one that it refuses to cancel 12 s more.
 
         The service `/ask` takes 0.2 s or 2 s.
         """
@@ -470,10 +477,13 @@ class Team:
         def go(goal: ServerGoal) -> None:
             place = goal.message.pose.pose.position
             self.goals.append((process.name, round(place.x)))
+            if (process.name, goal.id) in self._begun:
+                self.problems.append(f"{process.name} executes goal {place.x:g} twice")
             if self.plan.mission is not None:
                 self._check_goal(goal, process.name)
-            slow = round(place.y) == GOALS["slow"]
-            process.after((60 if slow else 3) * SECOND // 10, lambda: goal.id in self.refused or end_goal(goal))
+            self._begun[process.name, goal.id] = self.scheduler.now / SECOND
+            seconds = {GOALS["slow"]: 6.0, GOALS["long"]: 20.0}.get(round(place.y), 0.3)
+            process.after(round(seconds * SECOND), lambda: goal.id in self.refused or end_goal(goal))
 
         def ask(request: Any) -> DeferredResponse:
             response = DeferredResponse()
@@ -600,6 +610,8 @@ class Team:
         """Nothing is done while its mission is held, but what is on its way to the disk, for at most `longest` s."""
         robot = self.robots[process.partition("#")[0]]
         node = robot.engine.running if robot.engine is not None else None
+        self._on_moment(f"{robot.name} {'goal' if topic == SEND_GOAL else 'effect'}")
+        longest += robot.machine.slowest - WRITING
         late = robot.engine is not None and robot.witness.held_for(self.scheduler.now / SECOND, robot.engine) >= longest
         if late and node is not None and node.holds != {"disk"}:  # what a full disk has held leaves when it can
             self.problems.append(f"{robot.name} works while its mission is suspended")
@@ -611,18 +623,17 @@ class Team:
         robot, number = self.robots[goal.message.pose.header.frame_id], round(goal.message.pose.pose.position.x)
         last = self._sent.get((server, robot.name, number), b"")
         since, now = self._begun.get((server, last), -1.0), self.scheduler.now / SECOND
-        if (server, goal.id) in self._begun:
-            self.problems.append(f"the server executes goal {number} of {robot.name} twice")
         excused = any(since <= time <= now and why in ("cancel", "server") for time, why in robot.excuses)
         started = self.plan.mission is not None and is_started(self.plan.mission, robot.name)
         if since >= 0 and robot.durable and not (robot.spoilt or excused or started):
             self.problems.append(f"{robot.name} has sent its goal {number} again, which its server has")
-        self._sent[server, robot.name, number], self._begun[server, goal.id] = goal.id, now
+        self._sent[server, robot.name, number] = goal.id
 
     def _check_followed(self) -> None:
         """A goal that is executed is one that a task waits for, or was cancelled and is not lost sight of."""
         program, lost = self.programs["server"], dict[bytes, float]()
-        healthy = program.process is not None and not program.process.stopped and not +self.fabric.cuts
+        apart = +self.fabric.cuts or +self.fabric.mute
+        healthy = program.process is not None and not program.process.stopped and not apart
         now = self.scheduler.now / SECOND
         for goal in program.node.goals.values() if healthy and isinstance(program.node, ActionServer) else ():
             robot = self.robots[goal.message.pose.header.frame_id or "A"]
@@ -631,10 +642,12 @@ class Team:
             if robot.spoilt or robot.process is None or robot.process.stopped or recorder is None:
                 continue
             known = {sent[0] for wait, sent in recorder._goals.items() if wait.alive}
-            if goal.id.hex() not in known.union(node.runner.cancelled.table()) and not robot.engine.resuming:
+            cancelled = goal.id.hex() in node.runner.cancelled.table()
+            if goal.id.hex() not in known and not (cancelled and goal.id in self.refused) and not robot.engine.resuming:
                 lost[goal.id] = self._lost.get(goal.id, now)
-                if now - lost[goal.id] > 3 + self.fabric.delay:
-                    self.problems.append(f"a goal of {robot.name} goes on that no task waits for")
+                if now - lost[goal.id] > 3 + self.fabric.delay + 2 * robot.machine.slowest:
+                    what = "was cancelled, and goes on" if cancelled else "goes on that no task waits for"
+                    self.problems.append(f"a goal of {robot.name} {what}")
         self._lost = lost
 
     def _check_refused(self) -> None:
@@ -684,13 +697,13 @@ class Team:
             self._on_moment(f"{robot.name} {answer}")
 
         engine.status.publish = published  # type: ignore[method-assign]
-        engine._tasks._report = published
 
     def _on_moment(self, moment: str) -> None:
         """Do what waits for this."""
         for step in [step for step in self._armed if step.on == moment]:
             self._armed.remove(step)
-            self._later(0.0, partial(self._do, step))
+            soon = 0.3 * (step.time % 1) ** 2 if moment.endswith((" goal", " effect")) else 0.0
+            self._later(soon, partial(self._do, step))
 
     def _strike(self, robot: Robot, kind: str, away: float) -> bool:
         """SIGKILL, perhaps with more that happens to the disk, and a restart after a while."""
@@ -827,14 +840,18 @@ class Team:
     def _migration_plan(self, sender: Sender) -> dict[str, Any]:
         """What a person plans for some of the tokens that there are: they begin again, end, or go elsewhere."""
         chance, elements = random.Random(f"{self.plan.seed} plan {sender.process.name}"), dict[str, Any]()
-        if self.plan.mission is None or not sender.migrates or chance.random() < 0.5:
+        if self.plan.mission is None or not sender.migrates or chance.random() < 0.3:
             return {}
         for robot in self.robots.values():
             node = robot.engine.running if robot.engine is not None else None
-            there = sorted({id for one in node.instances for id in one.waiting}) if node is not None else []
-            for element in chance.sample(there, min(len(there), chance.randint(0, 2))):
-                robot.witness.changed, others = True, sorted(filter(None, node.engine.program.elements))
-                elements[element] = chance.choice(("restart", "abandon", {"to": chance.choice(others)}))
+            if node is None:
+                continue
+            nodes, there = node.engine.program.by_key.values(), list(_places(node))
+            hosts = sorted({one.id for one in nodes if one.id and one.boundary is not None})  # where a token may come
+            some = chance.sample(there, min(len(there), chance.randint(0, 2)))
+            for element in some + chance.sample(hosts, min(len(hosts), chance.randint(0, 2))):
+                others = [{"to": other} for other in _beside(node, element)]
+                elements[element] = chance.choice(("restart", "abandon", *others[:1], *others[-1:]))
         return {"elements": elements, "variables": {}}
 
     def _ended(self, sender: Sender) -> None:
@@ -892,11 +909,15 @@ class Team:
         node = robot.engine.running if robot.engine is not None else None
         if node is None:
             return False
-        tokens = [element for one in node.engine.instances.values() for element in one.waiting]
+        tokens = list(_places(node))
         helped = [(element, values) for element, kind, values in help_needed(node) if kind == act]
         places = [element for element, _ in helped] if act in ("complete", "retry") else tokens
         place = places[number % len(places)] if places else "nowhere"
         others = sorted(id for id in node.engine.program.elements if id)
+        if number % 4:  # mostly one that is possible, also where the next version has none
+            others = _beside(node, place) or others
+            new = robot.engine.candidate.process.engine.program.elements if robot.engine.candidate else ()
+            others = [one for one in others if number % 3 and one not in new] or others
         more: dict[str, Any] = {
             "move": {"to": others[number % len(others)]},
             "retry": {"values": {"helped": 1}},
@@ -938,7 +959,7 @@ class Team:
 
         def answered(report: Report) -> None:
             self.note(f"{process.name}: {robot} {report.answer} {report.reason}".rstrip())
-            self.told[requests[0].id] = report.answer
+            self.told[requests[0].id] = "" if "signed" in report.reason else report.answer  # by a clock that is wrong
             client.close()
             if report.answer != "refused":
                 self._request(robot, process, wire, requests[1:], asking)
@@ -969,6 +990,21 @@ class Team:
         envelope = signed(envelope, key, born=robot.engine.born, now=process.machine.wall_time())
         self._later(2.0, lambda: publisher.publish(messages.create(STRING, envelope.to_json())))
         self._later(4.0, partial(self._end_process, wire))
+
+
+def _places(node: RobotNode) -> dict[str, None]:
+    """The elements that have tokens, also those around others."""
+    inside = [token for one in node.engine.instances.values() for token in tokens_of(one)]
+    return dict.fromkeys(token.node.id for token in inside if token.node is not None and token.node.id)
+
+
+def _beside(node: RobotNode, element: str) -> list[str]:
+    """The elements of the scope that has a token at an element."""
+    try:
+        body = token_at(node.engine, element)[1].body
+    except MissionError:
+        return []
+    return sorted(body.entries) if body is not None else []
 
 
 __all__ = ["Reply", "Report", "Robot", "Said", "Sender", "Team"]
