@@ -611,9 +611,9 @@ class Team:
         robot = self.robots[process.partition("#")[0]]
         node = robot.engine.running if robot.engine is not None else None
         self._on_moment(f"{robot.name} {'goal' if topic == SEND_GOAL else 'effect'}")
-        longest += robot.machine.slowest - WRITING
+        longest += 2 * (robot.machine.slowest - WRITING)  # behind what is written now
         late = robot.engine is not None and robot.witness.held_for(self.scheduler.now / SECOND, robot.engine) >= longest
-        if late and node is not None and node.holds != {"disk"}:  # what a full disk has held leaves when it can
+        if late and node is not None and "disk" not in node.holds:  # what a full disk has held leaves when it can
             self.problems.append(f"{robot.name} works while its mission is suspended")
         if topic.startswith("/tell_"):
             self._check_written("told", topic, process)
