@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr
 
 import pytest
 from bpmn_text import process
@@ -673,6 +673,79 @@ def test_nothing_that_the_library_shows_needs_more_than_the_policy_allows(
         page.keyboard.type("weed")
         page.keyboard.press("Escape")
         assert page.evaluate("edit.drawn === edit.base")
+
+
+EVIL = "<img src=x onerror=hit=1><script>hit=1</script><b style='color:red' onclick=hit=1>\"'x</b>"
+
+
+def evil(model: Path) -> Path:
+    """Write a model and one that it can call, in which each label, name and text is markup with a script."""
+    name = quoteattr(EVIL)
+    text = stuck(model.parent / "mark").decode()
+    text = re.sub(r'name="\w+"', f"name={name}", text).replace(f'id="X2" name={name}', 'id="X2" name="TWO"')
+    text = re.sub(r'(<signal id="B") name=("(?:[^"])*"|\'[^\']*\')', r'\1 name="b"', text)
+    text = re.sub(
+        r"(<(?:startEvent|scriptTask|endEvent|sequenceFlow|intermediateCatchEvent) )", rf"\1name={name} ", text
+    )
+    text = text.replace("<script>", f"<documentation>{escape(EVIL)}</documentation><script>")
+    model.write_text(text, "utf-8")
+    called = process(FLOWS + TASK).replace('<process id="P"', f'<process id="Evil" name={name}')
+    (model.parent / "Evil.bpmn").write_text(
+        called.replace("<startEvent", f"<documentation>{escape(EVIL)}</documentation><startEvent")
+    )
+    return model
+
+
+@pytest.mark.parametrize("part", ["the diagram", "the panel", "the lists"])
+def test_no_text_of_a_model_runs_as_a_script(chromium: Browser, library: Path, model: Path, part: str) -> None:
+    folder = evil(model).parent
+    with ModelEdit(model, library, [folder]) as source, Server(source) as server, opened(chromium, server) as page:
+        page.evaluate("addEventListener('securitypolicyviolation', () => (window.violated = true))")
+        until(page, "edit.found.length")
+        names = page.evaluate("edit.mission.templates.map(one => one.name)")
+        assert EVIL in names
+        ids = page.evaluate("edit.modeler.get('elementRegistry').getAll().map(one => one.id)")
+        if part == "the panel":
+            for id in ids:
+                page.evaluate("id => edit.select(id)", id)
+                page.evaluate(
+                    """() => { for (const one of document.querySelectorAll(
+                        '.bio-properties-panel-group-header:not(.open)')) one.click(); }"""
+                )
+                page.wait_for_timeout(20)
+            page.evaluate("edit.select('t1')")
+            page.locator("#bio-properties-panel-scriptValue").fill("xyz = 1")
+            until(page, "edit.changes === edit.checked && edit.drawn.includes('xyz')")
+            page.locator("#bio-properties-panel-scriptValue").press_sequentially("; xy")
+            page.locator("#words small", has_text="onerror").wait_for()
+        elif part == "the diagram":
+            shape(page, "t1").dblclick()
+            page.keyboard.type(EVIL)
+            page.mouse.click(600, 660)
+            for action in ("replace", "append"):
+                page.evaluate("edit.select('t1')")
+                page.locator(f".djs-context-pad [data-action='{action}']").click()
+                page.keyboard.type("img")
+                page.wait_for_timeout(100)
+                page.keyboard.press("Escape")
+            page.evaluate("edit.select('t1')")
+            page.locator(".bio-properties-panel button", has_text="Select").click()
+            page.locator(".cmd-change-menu, .djs-popup, .cetp-element-template-chooser").first.wait_for()
+            page.keyboard.type("img")
+            page.wait_for_timeout(100)
+            page.keyboard.press("Escape")
+            page.keyboard.press("Control+f")
+            page.keyboard.type("img")
+            page.wait_for_timeout(100)
+        else:
+            page.locator(".play").first.click()
+            page.locator("#steps", has_text="onerror").wait_for()
+            model.write_text(model.read_text("utf-8").replace("PT1S", "PT2S"), "utf-8")
+            page.locator("#outside", has_text="onerror").wait_for()
+            for element in page.locator("#findings button").all():
+                assert element.evaluate("one => one.querySelector('img, script, b') === null")
+        assert page.evaluate("[typeof hit, window.violated ?? false]") == ["undefined", False]
+        assert page.locator("img[src=x]").count() == 0
 
 
 def test_files_of_fame_and_of_other_tools_are_opened_and_saved_as_they_were(
