@@ -272,7 +272,7 @@ def judged(folder: Path) -> dict[str, Any]:
     unknown = sum(text.count("act('navigate_to_pose'): ") for text in logs.values())
     if len(left) > unknown:
         wrong.append(f"{len(left)} goals were left out, {unknown} were reported")
-    if len(missing) > told + replaced:
+    if len(missing) > told + replaced + unknown:  # a goal whose fate is unknown throws none
         wrong.append(f"{len(missing)} signals are missing, {told} were reported, {replaced} ended with a mission")
     return {
         "goals": len(goals), "reached": sum(all["succeeded"] for all in goals.values()),
