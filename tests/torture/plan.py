@@ -228,6 +228,8 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
         steps += _replaced(chance, names, begun + 1 + _early(chance, heal - begun - 5))
     if chance.random() < 0.25:
         steps.append(Step(0.0, "stubborn"))
+    if chance.random() < 0.15:  # robots that have promised give up a sender about when it is heard again
+        steps.append(Step(_rounded(begun), "mute", DESK, _rounded(chance.uniform(4.5, 7.5)), f"{names[0]} ready"))
     if chance.random() < 0.4:  # a network that is bad all the time
         bad = {"delay": chance.choice((0.2, 0.6, 2.0)), "twice": 0.5, "loss": 0.3}
         steps += [Step(0.0, kind, "", [bad[kind], heal]) for kind in chance.sample(sorted(bad), 2)]

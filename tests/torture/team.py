@@ -594,8 +594,8 @@ class Team:
     def _check_written(self, variable: str, topic: str, process: str) -> None:
         """What leaves is on the disk: should the power go now, its robot would know of it."""
         robot, count = self.robots[process.partition("#")[0]], self.fabric.published[topic][-1][2].data
-        if not robot.durable or robot.spoilt or robot.machine.disk.removed:
-            return
+        if not robot.durable or robot.spoilt or robot.machine.disk.removed or robot.witness.changed:
+            return  # a token may come to what tells without the script before it
         tables = stored(robot.machine.disk.certain())
         found = [(key.rpartition(" ")[2], value) for key, value in tables.get("values", {}).items()]
         found += [pair for ended in tables.get("ended", {}).values() for pair in ended["values"].items()]
@@ -840,7 +840,7 @@ class Team:
     def _migration_plan(self, sender: Sender) -> dict[str, Any]:
         """What a person plans for some of the tokens that there are: they begin again, end, or go elsewhere."""
         chance, elements = random.Random(f"{self.plan.seed} plan {sender.process.name}"), dict[str, Any]()
-        if self.plan.mission is None or not sender.migrates or chance.random() < 0.3:
+        if self.plan.mission is None or not sender.migrates or chance.random() < 0.2:
             return {}
         for robot in self.robots.values():
             node = robot.engine.running if robot.engine is not None else None
@@ -849,7 +849,7 @@ class Team:
             nodes, there = node.engine.program.by_key.values(), list(_places(node))
             hosts = sorted({one.id for one in nodes if one.id and one.boundary is not None})  # where a token may come
             some = chance.sample(there, min(len(there), chance.randint(0, 2)))
-            for element in some + chance.sample(hosts, min(len(hosts), chance.randint(0, 2))):
+            for element in some + chance.sample(hosts, min(len(hosts), chance.randint(1, 2))):
                 others = [{"to": other} for other in _beside(node, element)]
                 elements[element] = chance.choice(("restart", "abandon", *others[:1], *others[-1:]))
         return {"elements": elements, "variables": {}}
