@@ -3,7 +3,7 @@
 Of each generated cell (`benchmarks.cells`) `phase` learns from 40 undisturbed runs, at 0.05 false alarms per run. Then
 it judges streams of 20 cycles with a rest between them, in which a step is missing in cycle 1, 4 or 20; the same cycles
 as runs of their own; and undisturbed runs that begin 0 to 0.2 s late. Intervals are over cells.
-``python -m benchmarks.streams [CELLS]`` (a minute for each cell).
+``python -m benchmarks.streams [CELLS [FIRST]]`` (a minute for each cell; from the seed FIRST on).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from fame.monitor.pipeline.trained_model import TrainedModel
 
 RUNS, CYCLES = 40, 20
 MISSING = (1, 4, 20)
-LATE = (0.0, 0.05, 0.1, 0.15, 0.2)
-EACH = 5
+LATE = (0.0, 0.03, 0.05, 0.1, 0.13, 0.15, 0.2)
+EACH = 10
 """Runs of each cell that begin so late."""
 REST = 1.0
 """Between two cycles of a stream, s."""
@@ -61,13 +61,14 @@ def judged(seed: int) -> Iterator[tuple[str, int, int]]:
         yield f"missing step in cycle {missing} of a stream", int(missing in hit), 1
         yield f"the same run by itself (cycle {missing})", int(bool(alarms(model, runs[missing - 1]))), 1
         yield "undisturbed cycles of streams", len(hit - {missing}), CYCLES - 1
-    for late in LATE:
-        found = [bool(alarms(model, cell.run(2000 + number, late=late))) for number in range(EACH)]
+    for place, late in enumerate(LATE):
+        found = [bool(alarms(model, cell.run(2000 + EACH * place + number, late=late))) for number in range(EACH)]
         yield f"undisturbed, {late:g} s late", sum(found), EACH
 
 
 def main() -> None:
-    cells = FROZEN[: int(sys.argv[1])] if sys.argv[1:] else FROZEN
+    count, first = (*map(int, sys.argv[1:]), *(len(FROZEN), FROZEN[0])[len(sys.argv) - 1 :])
+    cells = range(first, first + count)
     counts: dict[str, list[list[int]]] = {}
     for seed in cells:
         of_cell: dict[str, list[int]] = {}

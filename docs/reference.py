@@ -26,7 +26,7 @@ from fame.clock import Scheduler
 from fame.imports import PURPOSES
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly import learning_file
-from fame.monitor.pipeline import configuration
+from fame.monitor.pipeline import configuration, run_trigger
 from fame.monitor.pipeline.training_settings import Training
 from fame.rooms import COMMANDS, PROCESSORS, ROOMS, load
 from fame.scenario import plan, variation
@@ -383,7 +383,11 @@ FILES: Mapping[str, Mapping[str, Mapping[str, str]]] = {
     },
     "fame.yaml": {"": project.KEYS},
     "Campaigns": {"": variation.KEYS},
-    "Nodes of pipelines": {"": configuration.KEYS, "Entries of `Inputs` and `Outputs`": configuration.PORT_KEYS},
+    "Nodes of pipelines": {
+        "": configuration.KEYS,
+        "Entries of `Inputs` and `Outputs`": configuration.PORT_KEYS,
+        "`Run`": run_trigger.KEYS,
+    },
     "Learning files of anomaly detection": {"": learning_file.KEYS, "`Files`": learning_file.FILE_KEYS},
 }
 """The tables of the validators."""

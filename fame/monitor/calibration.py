@@ -166,10 +166,14 @@ def rank(runs: int, rate: float) -> int | None:
 
 
 def independent(scores: Floats) -> float:
-    """Return how many independent columns of scores (runs, columns) would have their largest ones in as many runs."""
+    """Return how many independent columns of scores (runs, columns) would have their largest ones, or their largest few
+    up to `_TOP`, in as many runs: the most of these, as one run alone may have the largest ones of many columns."""
     runs, columns = scores.shape
-    holding = min(len(set(scores.argmax(axis=0).tolist())), runs - 0.5)
-    return float(min(columns, math.log(1 - holding / runs) / math.log(1 - 1 / runs)))
+    order, most = np.argsort(-scores, axis=0, kind="stable"), 1.0
+    for depth in range(1, max(2, min(_TOP, runs // 4) + 1)):
+        holding = min(len(set(order[:depth].ravel().tolist())), runs - 0.5)
+        most = max(most, math.log(1 - holding / runs) / math.log(1 - depth / runs))
+    return float(min(columns, most))
 
 
 def calibrate(

@@ -28,6 +28,7 @@ from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.join import Join, joined_table
 from fame.monitor.pipeline.processor import ActiveElements, Samples
+from fame.monitor.pipeline.run_trigger import RunTrigger, require_runs, spans_of
 from fame.monitor.tables import RUN, STAMP, Table, read_blocks, read_parquet, read_table
 from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
 from fame.text import open_file
@@ -79,7 +80,8 @@ class Special(NamedTuple):
 
     With a `rate` (Hz) rows follow each other at it, whatever times they have. Of each file are read the rows from
     `start` to `end` (s since its first row). Rows in which the column `anomaly` is not 0 are anomalous; of a file of
-    blocks, those that are not of the class `benign`."""
+    blocks, those that are not of the class `benign`. A `trigger` tells when runs begin and end within one of the file.
+    """
 
     stamp: str = STAMP
     run: str = RUN
@@ -92,11 +94,17 @@ class Special(NamedTuple):
     end: float = math.inf
     anomaly: str = ""
     benign: str = ""
+    trigger: RunTrigger | None = None
 
     @property
     def unwanted(self) -> tuple[str, ...]:
         """The columns that are no channels."""
-        return (self.stamp, self.run, self.element, LABEL, "", self.anomaly, *self.exclude)
+        return (self.stamp, self.run, self.element, LABEL, "", self.anomaly, self.trigger_column, *self.exclude)
+
+    @property
+    def trigger_column(self) -> str:
+        """The column of the trigger; empty without one."""
+        return self.trigger.column if self.trigger is not None else ""
 
 
 _USUAL = Special()
@@ -132,7 +140,7 @@ def read_labelled_runs(
         if not columns:
             columns = of_first = channels
         _check_columns(table, columns, special, path)
-        runs += _runs_of(table, columns, channels, special, path)
+        runs += _runs_of(table, columns, channels, special, path, undisturbed)
     if undisturbed:
         _check_excluded(special, known, runs)
         _check_undisturbed(special, runs)
@@ -181,7 +189,7 @@ def _read_file(path: Path, columns: Sequence[str], special: Special) -> Table:
         text = "is a bag, expected --config CONFIG.yaml, whose Inputs name topics and fields, or a CSV file"
         text += f": fame monitor record CONFIG.yaml --bag {path} -o runs.csv makes one"
         raise ConfigError(text, file=str(path))
-    wanted = {special.stamp, special.run, LABEL, special.anomaly, *columns} if columns else None
+    wanted = {special.stamp, special.run, LABEL, special.anomaly, special.trigger_column, *columns} if columns else None
     skip = (*special.exclude, *([special.stamp] if special.rate else []))
     if path.suffix == ".parquet":
         table = read_parquet(path, stamp=special.stamp, element=special.element, wanted=wanted, skip=skip)
@@ -237,14 +245,14 @@ def _check_columns(table: Table, columns: Sequence[str], special: Special, path:
         raise ConfigError(f"has no columns but {names}: nothing to learn from", file=str(path))
     if special.element != ELEMENT and not table.elements:
         raise ConfigError(f"has no column {special.element!r}", file=str(path), line=1)
-    for name in (special.stamp, *columns, *([special.run] if special.run != RUN else [])):
-        if name not in table.names:
+    for name in (special.stamp, *columns, *([special.run] if special.run != RUN else []), special.trigger_column):
+        if name and name not in table.names:
             rate = "; without times, --rate says how many rows come in a second" if name == special.stamp else ""
             raise ConfigError(f"has no column {name!r}; it has {names}{rate}", file=str(path), line=1)
 
 
 def _runs_of(
-    table: Table, columns: Sequence[str], channels: Sequence[str], special: Special, path: Path
+    table: Table, columns: Sequence[str], channels: Sequence[str], special: Special, path: Path, undisturbed: bool
 ) -> Iterator[LabelledRun]:
     """Yield the runs of a file. Raises ConfigError."""
     names, cells, lines, elements, _ = table
@@ -252,7 +260,9 @@ def _runs_of(
     stamps = _in_seconds(table, special, path)
     whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
     # A row that lacks a value lost it, unless it is the message of a topic that only has channels of others.
-    others = [place for place, name in enumerate(names) if name in channels and name not in columns]
+    others = [
+        place for place, name in enumerate(names) if name in (*channels, special.trigger_column) and name not in columns
+    ]
     torn = ~whole & (np.isfinite(values).any(axis=1) | ~np.isfinite(cells[:, others]).any(axis=1))
     numbers = cells[:, names.index(special.run)] if special.run in names else np.zeros(len(cells))
     labels = _labels(cells[:, names.index(LABEL)] if LABEL in names else np.full(len(cells), np.nan), path, lines)
@@ -260,7 +270,13 @@ def _runs_of(
         rates = ": topics with rates of their own need Join: {Rate, Tolerance, Fill}" if torn.any() else ""
         raise ConfigError(f"has no row with all of {', '.join(columns)}{rates}", file=str(path))
     others_begin = np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1
-    for rows in np.split(np.arange(len(values)), np.union1d(others_begin, table.joins)):
+    parts: Sequence[Whole] = np.split(np.arange(len(values)), np.union1d(others_begin, table.joins))
+    outside = ""
+    if special.trigger is not None:
+        every, signal = len(values), cells[:, names.index(special.trigger.column)]
+        parts = _triggered(special.trigger, stamps, signal, parts, path, undisturbed)
+        outside = f"{every - sum(map(len, parts))} of {every} rows lie outside of every run: not judged"
+    for rows in parts:
         if special.join is not None:
             names_of = [elements[row] for row in rows] if elements else []
             yield _joined(special.join, stamps[rows], values[rows], labels[rows], names_of, columns, path)
@@ -277,8 +293,25 @@ def _runs_of(
             seconds=float(np.ptp(known)) if len(known) else 0.0,
             labelled=bool(labels[rows].any()),
             seen=len(kept) / max(1, len(kept) + int(torn[rows].sum())),
+            notes=(outside,) if outside and not undisturbed and rows is parts[0] else (),
             lacking=_lacking(values[rows], torn[rows], columns, [lines[row] for row in rows[torn[rows]][:1]]),
         )
+
+
+def _triggered(
+    trigger: RunTrigger, stamps: Floats, values: Floats, parts: Sequence[Whole], path: Path, undisturbed: bool
+) -> list[Whole]:
+    """Return the rows of each run that a trigger tells, of the parts of a file. Of `undisturbed` runs the one that goes
+    on when the file ends is left out, unless the file is one run. Raises ConfigError if there is no run."""
+    found = list[Whole]()
+    for rows in parts:
+        known = rows[np.isfinite(stamps[rows])]
+        spans = spans_of(trigger, stamps[known], values[known])
+        if undisturbed and spans and spans[-1][1] == np.inf and (trigger.ends or len(spans) > 1):
+            spans = spans[:-1]
+        found += [known[(stamps[known] >= begin) & (stamps[known] < end)] for begin, end in spans]
+    require_runs(trigger, values, found, str(path))
+    return found
 
 
 def _joined(

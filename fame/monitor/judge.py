@@ -396,8 +396,7 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     chain: list[Any] = [LowPass(cutoff=model.before)] if model.before else []
     scorer = Autoencoder(model, stride=stride)
     scorer.elements = run.samples.elements
-    least, most = model.conditions.get("seconds", (0.0, np.inf))
-    scorer.cycles = _seconds(run.samples.stamps) > 2 * most - least  # a machine that never stops
+    scorer.cycles = _seconds(run.samples.stamps) > scorer.longest  # a machine that never stops
     chain += [scorer, *([LowPass(cutoff=model.cutoff)] if model.cutoff else [])]
     threshold = Threshold(threshold=model.thresholds, names=model.columns)
     for processor in (*chain, threshold):
@@ -421,7 +420,7 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     if run.lacking:
         notes.append(f"{run.lacking}: left out")
     seconds = _seconds(samples.stamps) if run.seconds < 0 else run.seconds
-    share = min(run.seen, _share(stamps, model.window / model.rate, seconds, stride / model.rate))
+    share = min(run.seen, _share(stamps, model.window / model.rate, seconds, stride / model.rate, scorer.latest))
     notes += run.notes
     order = sequence.judged(run.samples, model.conditions.get("order", {}))
     notes += order
@@ -445,15 +444,17 @@ def _shortest(model: TrainedModel) -> float:
     return float(model.conditions.get("seconds", (0.0,))[0]) if repeat and not model.elements else 0.0
 
 
-def _share(stamps: Floats, window: float, seconds: float, stride: float) -> float:
+def _share(stamps: Floats, window: float, seconds: float, stride: float, late: float = 0.0) -> float:
     """Return the share of a run that lies in a window, which ends at one of `stamps` (s).
 
-    What is left at the end for lack of a whole `stride` counts as judged.
+    What is left at the end for lack of a whole `stride` counts as judged, and what came before a run that began up to
+    `late` (s) late is no part of it.
     """
     if not len(stamps):
         return 0.0
     covered = float(np.minimum(np.diff(stamps, prepend=stamps[0] - window), window).sum())
-    missing = seconds - covered
+    before = float(stamps[0]) - window
+    missing = seconds - covered - (before if before < late + 1.5 * stride else 0.0)
     return 1.0 if missing < 1.5 * stride else max(0.0, 1 - missing / seconds)
 
 

@@ -153,6 +153,7 @@ def _settings(model: TrainedModel, data: Sequence[str], path: Path) -> Training:
     """Return the settings of the training of a model, on its files or on `data`. Raises ConfigError."""
     from fame.monitor.data_files import is_bag
     from fame.monitor.pipeline.join import Join
+    from fame.monitor.pipeline.run_trigger import RunTrigger
     from fame.monitor.pipeline.train import Training
 
     stored, known = model.conditions.get("settings", {}), {each.name for each in fields(Training)}
@@ -164,5 +165,6 @@ def _settings(model: TrainedModel, data: Sequence[str], path: Path) -> Training:
         name: tuple(value) if isinstance(value, list) else value for name, value in stored.items() if name in known
     }
     given |= {"join": Join(*stored["join"])} if stored.get("join") else {}
+    given |= {"run": RunTrigger(*stored["run"])} if stored.get("run") else {}
     given |= {"detector": ""} if "chosen" in model.conditions else {}
     return Training(**{**given, "files": files, "model": str(path)})

@@ -117,17 +117,19 @@ def read_for(model: TrainedModel, paths: Sequence[Path], arguments: Namespace) -
     from fame.monitor.data_files import ELEMENT, Special, check_blocks, is_bag, read_labelled_runs
     from fame.monitor.pipeline.join import Join
     from fame.monitor.pipeline.recording import RecordingOptions, tables_of
+    from fame.monitor.pipeline.run_trigger import RunTrigger
     from fame.monitor.tables import RUN, STAMP
 
     settings = model.conditions.get("settings", {})
     names = (("time_column", STAMP), ("run_column", RUN), ("element_column", ELEMENT))
     unit = getattr(arguments, "time_unit", None) or settings.get("time_unit") or ""
     join = Join(*settings["join"]) if settings.get("join") else None
+    trigger = RunTrigger(*settings["run"]) if settings.get("run") else None
     rows = {name: getattr(arguments, name, None) for name in ROWS}
     rows |= {name: settings.get(name) for name in ("rate", "anomaly_column", "benign") if rows[name] is None}
     rows["anomaly"] = rows.pop("anomaly_column")
     special = Special(*(settings.get(name, default) for name, default in names))._replace(
-        unit=unit, join=join, **{name: value for name, value in rows.items() if value is not None}
+        unit=unit, join=join, trigger=trigger, **{name: value for name, value in rows.items() if value is not None}
     )
     options = RecordingOptions(namespace=arguments.namespace, elements=bool(model.elements), report=note)
     runs: list[LabelledRun] = []
@@ -138,7 +140,9 @@ def read_for(model: TrainedModel, paths: Sequence[Path], arguments: Namespace) -
             text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
             raise ConfigError(text, file=str(path))
         with tables_of([path], arguments.config, options) as tables:
-            read = read_labelled_runs(tables.paths, model.columns, Special(join=join) if bag else special)
+            read = read_labelled_runs(
+                tables.paths, model.columns, Special(join=join, trigger=trigger) if bag else special
+            )
             runs += [run._replace(file=str(path)) for run in tables.completed(read, model.columns)]
     return runs
 

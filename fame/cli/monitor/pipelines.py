@@ -430,19 +430,20 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
         raise ConfigError("expected a configuration with the section Training, or --data FILE")
     names = ("run_column", "time_column", "element_column", "time_unit", "detector", "false_alarms", "window", "stride",
              *ROWS)  # fmt: skip
-    given = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    given: dict[str, Any] = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     if arguments.exclude:
         given["exclude"] = tuple(arguments.exclude)
     if arguments.data:
         configured = arguments.config is not None and any(map(is_bag, arguments.data))
-        join = load(arguments.config).join if configured else None
-        return Training(files=tuple(map(str, arguments.data)), join=join, **given), str(arguments.data[0])
+        made = load(arguments.config) if configured else None
+        given |= {"join": made.join, "run": made.run} if made is not None else {}
+        return Training(files=tuple(map(str, arguments.data)), **given), str(arguments.data[0])
     configuration = load(arguments.configuration)
     if configuration.training is None:
         text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
         raise ConfigError(text, file=str(configuration.file))
     training = training_of(configuration.training, configuration.folder)
-    return replace(training, join=configuration.join, **given), str(configuration.file)
+    return replace(training, join=configuration.join, run=configuration.run, **given), str(configuration.file)
 
 
 def _refuse_doubtful(model: TrainedModel, file: str, training: Training, path: Path) -> None:

@@ -19,6 +19,7 @@
     QoS: {reliability: best_effort}          of all ports; a port may have its own                (added)
     Name: low_pass                           of the node; default: that of the file               (added)
     Join: {Rate: 50, Fill: hold}             of topics with rates of their own                    (added)
+    Run: {Topic: input_3, Field: data, Starts: 1}    when a run begins: a digital input          (added)
     Training: {...}                          see fame.monitor.pipeline.train                      (added)
 
 An import of an unknown type is looked for as ``<Module>.msg`` beside the file, in ``msg/`` and in
@@ -39,8 +40,9 @@ from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
-from fame.monitor.pipeline import fields
+from fame.monitor.pipeline import fields, run_trigger
 from fame.monitor.pipeline.join import Join, join_of
+from fame.monitor.pipeline.run_trigger import RunTrigger, trigger_of
 
 KEYS = {
     "Inputs": "name -> topic that is read, with the keys below",
@@ -51,6 +53,7 @@ KEYS = {
     "QoS": "policies of ROS 2 for all topics of the file",
     "Name": "of the node (that of the file)",
     "Join": "how topics with rates of their own become rows: `{Rate: 50, Tolerance: 0.03, Fill: hold}`",
+    "Run": "when a run of the task begins and ends: a trigger, with the keys below",
     "Training": "settings of `fame monitor train`, with the keys below",
 }
 """Of a configuration of a node, with their meanings."""
@@ -112,6 +115,13 @@ class Configuration:
     training: ConfigValue | None = None
     source: Source = _NO_SOURCE
     join: Join | None = None
+    run: RunTrigger | None = None
+    trigger: Port | None = None
+
+    @property
+    def recorded(self) -> tuple[Port, ...]:
+        """What files have columns of: the inputs and the trigger of runs."""
+        return (*self.inputs, *([self.trigger] if self.trigger is not None else []))
 
     @property
     def folder(self) -> Path:
@@ -130,6 +140,7 @@ def load(path: str | Path) -> Configuration:
     outputs = _ports(sections, "Outputs", imports, policies, SIGNAL)
     if not inputs and not outputs and "Training" not in sections:
         raise document.error("expected the key Inputs or Outputs with at least one entry, or Training with Files")
+    run, trigger = _trigger(sections["Run"], inputs, imports, policies) if "Run" in sections else (None, None)
     return Configuration(
         file=path,
         name=_node_name(sections["Name"]) if "Name" in sections else re.sub(r"\W", "_", path.stem),
@@ -140,6 +151,8 @@ def load(path: str | Path) -> Configuration:
         training=sections.get("Training"),
         source=document.source,
         join=join_of(sections["Join"]) if "Join" in sections else None,
+        run=run,
+        trigger=trigger,
     )
 
 
@@ -201,6 +214,33 @@ def _port(name: str, value: ConfigValue, imports: Mapping[str, str], policies: M
         description=str(parts["Description"].data) if "Description" in parts else "",
         rate=hertz(parts["Rate"]) if "Rate" in parts else 0.0,
     )
+
+
+def _trigger(
+    value: ConfigValue, inputs: Sequence[Port], imports: Mapping[str, str], policies: Mapping[str, Any]
+) -> tuple[RunTrigger, Port | None]:
+    """Read the section `Run`: the trigger, and its topic if it has one. Raises ConfigError."""
+    parts = value.mapping(run_trigger.KEYS)
+    run = trigger_of(parts)
+    if "Topic" not in parts:
+        if inputs or "Column" not in parts:
+            raise value.error("expected the key Topic: a digital input, such as {Topic: input_3, Starts: 1}")
+        return run, None
+    if twice := next((port for port in inputs if port.name.lower() == run.column.lower()), None):
+        text = f"the value of the trigger is called {run.column}, and so is an entry of Inputs: expected another name"
+        raise value.source.error(join(value.path, "Column" if "Column" in parts else "Topic"), f"{text}, {twice.name}")
+    beside = next((port.type for port in inputs if port.topic == parts["Topic"].data), "std_msgs/msg/Bool")
+    given = {"Field": "data", "MessageType": beside, **{key: parts[key].data for key in PORT_KEYS if key in parts}}
+    port = _port(run.column, ConfigValue(given, value.path, value.source), imports, policies, INPUT)
+    _check_paths({each.name: value for each in (*inputs, port)}, (*inputs, port), None)
+    try:
+        single = isinstance(fields.reader(port.type, port.path)(messages.create(port.type))[0], float)
+    except fields.UnusableMessage:
+        single = False
+    if not single:
+        path = join(value.path, "Field") if "Field" in parts else value.path
+        raise value.source.error(path, f"expected one number or boolean of {port.type}, got several")
+    return run, port
 
 
 def _check_paths(given: Mapping[str, ConfigValue], ports: Sequence[Port], writer: Any) -> None:

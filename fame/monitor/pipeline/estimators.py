@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,14 +10,14 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
-from fame.monitor.pipeline import cycles
+from fame.monitor.pipeline.cycles import phases_of
 from fame.monitor.pipeline.elements import active, foreign, phase_times
 from fame.monitor.pipeline.filters import Windower
 from fame.monitor.pipeline.processor import ActiveElements, Parameter, Processor, Result, Samples, stacked
+from fame.monitor.pipeline.run_finder import RunFinder, Spans, inside
 from fame.monitor.pipeline.trained_model import TrainedModel
 
-HELD = 1000
-"""Windows outside of every run that are held, at most, until they turn out to be the begin of one."""
+OUTSIDE = "outside of every run, or longer than any run of the training: not judged"
 _METHODS = ("predict", "transform", "decision_function", "score_samples", "predict_proba")
 
 
@@ -49,6 +48,8 @@ class Autoencoder(Processor):
     elements: ActiveElements = ()
     cycles: bool = True
     """Whether runs are looked for in the data; otherwise all samples up to a gap are one run."""
+    runs: Spans | None = None
+    """From when to when (s) runs last, if a trigger tells; windows outside of them are left out."""
     blind: str = ""
     """Why the last windows were not judged."""
 
@@ -60,14 +61,19 @@ class Autoencoder(Processor):
         self.model = "" if isinstance(model, TrainedModel) else str(model)
         self._windower = Windower()
         self._order: dict[tuple[str, ...], list[int]] = {}
-        self._begun = self._last = self._given = self._run = np.inf
-        self._phases = cycles.phases_of(self.trained.detector)
-        self._unlike: list[tuple[float, Floats]] = []  # stamps of the last windows, how unlike a begin each is
-        self._outside: list[tuple[Any, float]] = []  # the last ones that belong to no run yet
-        self._waiting: list[tuple[Any, float]] = []  # those of the begin of a run, until its lag is known
-        if self._phases is not None:
-            within = self.trained.conditions.get("settings", {}).get("start_within", cycles.WITHIN)
-            self._lag = cycles.Lag(self._phases, within)
+        self._begun = self._last = np.inf
+        detector = phases_of(self.trained.detector)
+        self._finder = RunFinder(detector, self.trained, self.stride / self.trained.rate) if detector else None
+
+    @property
+    def latest(self) -> float:
+        """How late (s) a run may begin without a fault."""
+        return self._finder.latest if self._finder is not None and not self.trained.elements else 0.0
+
+    @property
+    def longest(self) -> float:
+        """How long (s) a run may last; inf where a detector does not know the time since its begin."""
+        return self._finder.longest if self._finder is not None and not self.trained.elements else np.inf
 
     @property
     def needs_elements(self) -> bool:
@@ -85,60 +91,28 @@ class Autoencoder(Processor):
             return None
         if trained.elements:
             return self._judge_elements(windows)
-        if self._phases is None:
-            return self._moving(windows, trained.loss(windows.values))
-        return self._judge_runs(windows, begins[np.searchsorted(samples.stamps, windows.stamps)])
-
-    def _judge_runs(self, windows: Samples, begins: Floats) -> Result:
-        """Judge windows by the time since their run began; none outside of a run, or longer than any of the training
-        by more than its spread."""
-        trained, (least, most) = self.trained, self.trained.conditions.get("seconds", (0.0, np.inf))
-        kept: list[tuple[Any, float, float]] = []  # window, stamp, time
-        parts = np.flatnonzero(np.diff(begins, prepend=self._given) != 0).tolist()
-        steps = range(len(windows)) if self.cycles and "begins" in trained.conditions else sorted({0, *parts})
-        for first, last in pairwise([*steps, len(windows)]):
-            if begins[first] != self._given:  # the first run, or one after a gap
-                self._given = self._run = float(begins[first])
-                self._unlike, self._waiting = [], []
-                self._lag.begin()
-            part = [(windows.values[row], float(windows.stamps[row])) for row in range(first, last)]
-            if (begin := self._found(part)) is not None:
-                self._run, self._outside = begin, [each for each in self._outside if each[1] >= begin + self._lag.first]
-                self._lag.begin()
-                part, self._outside, self._waiting = self._outside + part, [], []
-            inside = [each for each in part if each[1] - self._run <= 2 * most - least]
-            self._outside = [*self._outside, *part[len(inside) :]][-HELD:]
-            inside = self._waiting + inside
-            waits = bool(inside) and inside[-1][1] - self._run < self._lag.until
-            self._waiting = inside if waits else []
-            if inside and not waits:
-                values, stamps = (np.array(each) for each in zip(*inside, strict=True))
-                times = self._lag.feed((values - trained.mean) / trained.scale, stamps - self._run)
-                kept += zip(values, stamps, times, strict=True)
-            elif not waits:
-                self.report("outside of every run, or longer than any run of the training: not judged")
+        if self._finder is None:
+            return self._judge_inside(windows)
+        self._finder.searched, self._finder.spans = self.cycles, self.runs
+        kept, outside = self._finder.feed(
+            windows.values, windows.stamps, begins[np.searchsorted(samples.stamps, windows.stamps)]
+        )
+        if outside:
+            self.report(OUTSIDE)
         if not kept:
             return None
         values, stamps, times = (np.array(each) for each in zip(*kept, strict=True))
         return self._moving(windows.replace(values, stamps), trained.loss(values, times))
 
-    def _found(self, part: Sequence[tuple[Any, float]]) -> float | None:
-        """Take the next windows. Return the begin (s) of a new run, of which the last windows are the first ones; None
-        if there is none."""
-        found, detector = self.trained.conditions.get("begins"), self._phases
-        if not self.cycles or found is None or detector is None:
+    def _judge_inside(self, windows: Samples) -> Result:
+        """Judge windows by a detector that does not know the time since a run began."""
+        kept = inside(windows.stamps, self.trained.window / self.trained.rate, self.runs)
+        if not kept.all():
+            self.report(OUTSIDE)
+        if not kept.any():
             return None
-        count, apart = found["count"], self.stride / self.trained.rate
-        for values, stamp in part:
-            scaled = (values[None] - self.trained.mean) / self.trained.scale
-            self._unlike.append((stamp, cycles.unlike_begin(detector, scaled, count, apart)[0]))
-        self._unlike = self._unlike[-count - 1 :]
-        first = self._unlike[0][0]
-        if len(self._unlike) <= count or first - self._run < count * apart + detector.begin:
-            return None
-        scores, offsets = cycles.scores_of(np.array([unlike for _, unlike in self._unlike]), count)
-        begin = first - detector.begin - float(cycles.offsets_of(detector, apart)[offsets[0]])
-        return begin if scores[0] <= min(scores[1], found["limit"]) else None
+        windows = windows.replace(windows.values[kept], windows.stamps[kept])
+        return self._moving(windows, self.trained.loss(windows.values))
 
     def _moving(self, windows: Samples, loss: Floats) -> Result:
         """Return the loss of the windows but those that it says nothing about: a dead sensor fits every detector."""

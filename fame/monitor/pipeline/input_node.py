@@ -218,6 +218,8 @@ class InputNode:
                 stream.topic = self.node.subscription(topic, type, handler, stream.ports[0].qos).topic
                 reason = partial(_silence_reason, middleware, stream.topic, type)
                 stream.silence = SilenceWatch(scheduler, stream.topic, SILENCE, self.report.always, reason)
+                if stream.ports == [configuration.trigger]:
+                    stream.silence.close()  # a trigger may have a message per run
                 self.streams.append(stream)
                 self.handlers[stream.topic] = handler
             if elements:

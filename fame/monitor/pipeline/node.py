@@ -22,12 +22,13 @@ from fame.middleware.interface import Middleware, Node, Publisher
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.blindness import Blindness
 from fame.monitor.pipeline.configuration import Configuration, Port
-from fame.monitor.pipeline.fields import Writer, writer
+from fame.monitor.pipeline.fields import UnusableMessage, Writer, has_stamp, reader, stamp_of, writer
 from fame.monitor.pipeline.input_node import InputNode, ThrottledReport
 from fame.monitor.pipeline.join import Joiner
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import as_samples, assign, make_processors, pair
+from fame.monitor.pipeline.run_trigger import RunTracker
 
 _LAST_SECOND = 2.0**31
 """Seconds of builtin_interfaces/msg/Time end here."""
@@ -124,6 +125,7 @@ class ProcessingNode(InputNode):
         self.processors = list(processors) if processors is not None else make_processors(configuration)
         self._assigned = assign(self.processors, configuration)
         self._by_phase = [each for each in self.processors if getattr(each, "needs_elements", False)]
+        self._by_run = [each for each in self.processors if hasattr(each, "runs")]
         super().__init__(
             middleware, scheduler, configuration, namespace=namespace, report=report, outputs=configuration.outputs,
             elements=bool(self._by_phase),
@@ -138,6 +140,12 @@ class ProcessingNode(InputNode):
         except BaseException:
             super().close()
             raise
+        self._runs = RunTracker(configuration.run) if configuration.run is not None else None
+        if configuration.trigger is not None and self._runs is not None:
+            handler = partial(self._on_trigger, self._runs, configuration.trigger)
+            self.node.subscription(
+                configuration.trigger.topic, configuration.trigger.type, handler, configuration.trigger.qos
+            )
         self._joiner = Joiner(configuration.join, self.report) if configuration.join is not None else None
         self.calls = self.missed = 0
         self._raised, self._doubts = "", dict[str, str]()
@@ -177,6 +185,13 @@ class ProcessingNode(InputNode):
     def _on_processor_report(self, who: str, text: str) -> None:
         self.report(_without_numbers(f"{who} {text}"), f"{who}: {text}")
 
+    def _on_trigger(self, runs: RunTracker, port: Port, message: Any) -> None:
+        stamp = stamp_of(message) if has_stamp(port.type) else 0.0
+        try:
+            runs.feed(stamp or self.scheduler.now / SECOND, reader(port.type, port.path)(message)[0])
+        except UnusableMessage as reason:
+            self.report(f"unusable {port.topic} {reason}", f"{port.topic}: a message is left out: {reason}")
+
     def _call(self) -> None:
         if not self.calls:  # other nodes of the process may have been made in between
             self._due = self.scheduler.now
@@ -198,6 +213,9 @@ class ProcessingNode(InputNode):
         current: Mapping[str, Any] = inputs
         for processor in self._by_phase:
             processor.elements, processor.lost = self.follower.changes, self.follower.lost
+        if self._runs is not None:
+            for processor in self._by_run:
+                processor.runs = self._runs.spans
         latest = max((float(item.stamps[-1]) for item in inputs.values() if len(item)), default=None)
         stamp = self.scheduler.now / SECOND if latest is None else latest
         for processor in self.processors:

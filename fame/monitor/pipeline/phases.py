@@ -41,6 +41,9 @@ _SMOOTH = 5
 """Phases over which variances are averaged."""
 _PRIOR = 4.0
 """Weight of the variance of a channel in that of one phase, in runs."""
+_BETWEEN = 0.3
+"""Deviation, in bends of the course, of a run that was sampled between two phases: training runs that begin with their
+first sample do not show it."""
 _STIFF = 0.05
 """Smallest scale of a phase, relative to that of its channel."""
 
@@ -147,7 +150,7 @@ class Phases:
         numbers, places = numbers[places >= 0], places[places >= 0]
         grouped = _grouped(inside, places)
         location = np.nanmedian(grouped, axis=1)
-        scale = _scale(grouped - location[:, None])
+        scale = np.hypot(_scale(grouped - location[:, None]), _BETWEEN * _bend(location))
         deviations = (inside - location[places]) / scale[places]
         apart = numbers % max(1, settings.window // settings.stride) == 0  # windows that do not overlap
         root, elsewhere = _root(deviations[apart]), _root(inside[apart])
@@ -190,6 +193,14 @@ def _scale(deviations: Floats) -> Floats:
     pooled = np.mean(variances, axis=(0, 1))
     shrunk = (smooth * runs + pooled * _PRIOR) / (runs + _PRIOR)
     return np.asarray(np.sqrt(np.maximum(shrunk, np.maximum(_STIFF**2 * pooled, _TINY))))
+
+
+def _bend(location: Floats) -> Floats:
+    """Return how far each phase lies from the line through its neighbours, (phases, points, channels)."""
+    if len(location) < 3:
+        return np.zeros_like(location)
+    bends = np.abs(np.diff(location, 2, axis=0))
+    return np.concatenate((bends[:1], bends, bends[-1:]))
 
 
 def _root(deviations: Floats) -> Floats:

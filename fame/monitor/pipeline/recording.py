@@ -14,7 +14,7 @@ from time import time_ns
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
-from fame.dataclasses import dataclass
+from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, resolve
 from fame.middleware.local import LocalMiddleware
@@ -75,7 +75,7 @@ class RecordingNode(InputNode):
         options: RecordingOptions | None = None,
         name: str = "",
     ) -> None:
-        options = options or RecordingOptions()
+        options, configuration = options or RecordingOptions(), replace(configuration, inputs=configuration.recorded)
         if not configuration.inputs:
             raise ConfigError("has no Inputs to record", file=str(configuration.file), element="Inputs")
         self.rows, self.run, self._begun = 0, 0, False
@@ -222,7 +222,7 @@ def record_bag(
         raise ConfigError("with --bag, expected a .csv file or a database as output", file=str(bag))
     for text in incomplete(bag):
         options.report(text)
-    topics = [(port.topic, port.type) for port in configuration.inputs]
+    topics = [(port.topic, port.type) for port in configuration.recorded]
     topics += [(options.run_topic, EMPTY)] if options.run_topic else []
     topics += [(EVENTS_TOPIC, STRING)] if options.elements else []
     types = {resolve(topic, options.namespace): type for topic, type in topics}

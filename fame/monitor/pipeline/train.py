@@ -27,7 +27,7 @@ from fame.monitor.data_files import LabelledRun, hash_files, is_other_class, rat
 from fame.monitor.labels import with_labels
 from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.band import Band
-from fame.monitor.pipeline.cycles import found_of, phases_of
+from fame.monitor.pipeline.cycles import found_of, phases_of, spread_of
 from fame.monitor.pipeline.detectors import RULES, detector_names, draw_lot, fit_detector, is_class
 from fame.monitor.pipeline.elements import Axis, axis_of, run_times
 from fame.monitor.pipeline.estimators import Autoencoder
@@ -150,6 +150,7 @@ def fit(
         "drifts": drifts([runs[index] for index in whole]), "late_scores": _late_scores(filtered, whole, config, rate),
         LEAST_MOVEMENT: _least_movement(filtered, config, model), "copies": copied,
         RUN_HASHES: [run_hash(run.channels()) for run in runs if len(run)],
+        **{name: value for name, value in model.conditions.items() if name == "spread"},
         **_begins_of(model, filtered, config),
         **order_of([runs[index] for index in whole], asked),
         **(tried.found(calibration.thresholds) if tried is not None else {}),
@@ -240,9 +241,11 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     detector = fit_detector(config.detector, windows, config, times)
     columns = runs[0].names or tuple(str(index) for index in range(windows.shape[2]))
     nothing = tuple(1.0 for _ in columns)
+    phases, within = phases_of(detector), config.start_within
+    spread = {"spread": spread_of(phases, windows, times, within)} if phases is not None and not axis else {}
     return TrainedModel(
         columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before, elements=axis,
-        conditions={"settings": {"start_within": config.start_within}},
+        conditions={"settings": {"start_within": within}, **spread},
     )  # fmt: skip
 
 
@@ -327,8 +330,9 @@ def _least_movement(runs: Sequence[Samples], config: Training, model: TrainedMod
 
 def _begins_of(model: TrainedModel, runs: Sequence[Samples], config: Training) -> dict[str, Any]:
     """Return as conditions of a model how the begin of a run is found, if only the time since it tells its phase."""
-    if model.elements:
-        return {}
+    if model.elements or config.run is not None:
+        trigger = f"a trigger: {config.run.text}" if config.run is not None else ""
+        return {"begins_text": "the elements of the mission" if model.elements else trigger}
     cut = (Windower().feed(run.replace(run.channels()), model.window, config.stride, model.rate) for run in runs)
     scaled = [(part.values - model.mean) / model.scale for part in cut if len(part)]
     return found_of(phases_of(model.detector), scaled, config.stride / model.rate)

@@ -19,6 +19,7 @@ from fame.monitor.data_files import ELEMENT, TIME_UNITS, Special
 from fame.monitor.pipeline.cycles import WITHIN
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, ChannelAutoencoders, detector_names
 from fame.monitor.pipeline.join import Join
+from fame.monitor.pipeline.run_trigger import RunTrigger
 from fame.monitor.tables import RUN, STAMP
 from fame.text import suggestion
 
@@ -39,6 +40,7 @@ class Training:
     benign        of a file of blocks, each behind a line with its class: the class that is undisturbed
     keep          train also if runs are unlike the others, and leave out copies of runs
     join          of topics with rates of their own: the section `Join` of the configuration
+    run           the trigger of runs: the section `Run` of the configuration
     time_unit     s, ms, us or ns, of numbers in `time_column`; default s, where that is not doubtful
     detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...; default the best
                   of some (`fame.monitor.pipeline.compare.best`). Or the class of an estimator of scikit-learn, with its
@@ -79,6 +81,7 @@ class Training:
     benign: str | None = None
     keep: bool = False
     join: Join | None = None
+    run: RunTrigger | None = None
     detector: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     estimator: Any = None
@@ -108,7 +111,8 @@ class Training:
         names = self.time_column, self.run_column, self.element_column
         end = math.inf if self.end is None else self.end
         unit, anomaly, benign = self.time_unit or "", self.anomaly_column or "", self.benign or ""
-        return Special(*names, unit, self.join, self.exclude, self.rate, self.start, end, anomaly, benign)
+        special = Special(*names, unit, self.join, self.exclude, self.rate, self.start, end, anomaly, benign)
+        return special._replace(trigger=self.run)
 
 
 def training_of(section: ConfigValue, folder: Path) -> Training:
