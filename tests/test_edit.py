@@ -191,6 +191,15 @@ def test_what_is_drawn_is_checked_before_it_is_saved(edit: ModelEdit, model: Pat
     assert model.read_text() == OLD
 
 
+def test_a_finding_names_the_file_without_its_folder(edit: ModelEdit, model: Path) -> None:
+    thrown = OLD.replace("<scriptTask", '<intermediateThrowEvent id="n"><signalEventDefinition id="d" signalRef="go"/>'
+                         "</intermediateThrowEvent><scriptTask", 1)  # fmt: skip
+    thrown = thrown.replace("<process", '<signal id="go" name="go"/><process', 1)
+    texts = " ".join(one["text"] for one in drawn(edit, thrown, "check")["findings"])
+    assert f"nothing in {model.name} catches it" in texts
+    assert str(model.parent) not in texts
+
+
 @pytest.mark.parametrize("new", ["", "<a", "<!DOCTYPE a><a/>", "<a/>"])
 def test_what_is_no_model_is_not_saved(edit: ModelEdit, model: Path, new: str) -> None:
     with pytest.raises(FameError):

@@ -203,7 +203,10 @@ class ModelEdit(ModelWatch):
     def _checked(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
         window = str(command.get("window"))
         self._explorer.stop(window)
-        return {"findings": [asdict(one) for one in self._findings(new, window)]}
+        full, short = str(self.model), self.model.name
+        return {
+            "findings": [asdict(one) | {"text": one.text.replace(full, short)} for one in self._findings(new, window)]
+        }
 
     def _explored(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Callable[[], Mapping[str, Any]]:
         return partial(self._explorer.explore, str(command.get("window")), new)  # without the lock: it takes long
