@@ -1,5 +1,6 @@
 """When a limit binds: the schedule of a run, fewer robots, random runs."""
 
+import re
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -11,7 +12,7 @@ from collaborations import Step, Steps, philosophers, team, text_of, varied
 from compare_explorations import run
 
 import fame
-from fame.check.explore import Exploration
+from fame.check.explore import Exploration, exploration
 from fame.check.explore.findings import FAILING, Finding
 from fame.properties.grammar import parse
 from fame.properties.sentence import NOWHERE
@@ -165,3 +166,49 @@ def test_an_accepted_wait_excuses_no_other_wait_of_its_robot(tmp_path: Path, acc
     assert (one.accepted, one.text.count("A waits at")) == (expected, 2)
     found = explore(tmp_path / "m.bpmn", delivery="run").findings
     assert [one.accepted for one in found if one.kind in FAILING] == [expected], "the search agrees"
+
+
+WAITING: dict[str, Steps] = {
+    robot: [("or", [f"catch {robot.lower()}1"], [f"catch {robot.lower()}2"]), "throw go"] for robot in "AB"
+} | {"C": ["catch go", *(f"throw {robot}{number}" for robot in "ab" for number in (1, 2))]}
+"""Two robots, each of which waits forever for one of two signals."""
+
+
+@pytest.mark.parametrize("accepted", [False, True])
+def test_findings_that_the_time_does_not_suffice_for_are_counted(
+    monkeypatch: pytest.MonkeyPatch, accepted: bool
+) -> None:
+    text = text_of(WAITING)
+    if accepted:
+        given = '<extensionElements><camunda:properties><camunda:property name="accept" value="deadlock: late"/>'
+        text = re.sub("(<process [^>]*[^/]>)", rf"\1{given}</camunda:properties></extensionElements>", text)
+    model = fame.read(text.encode())
+    whole = explore(model, delivery="run")
+    monkeypatch.setattr(exploration, "FINDING", 0.0)
+    part = explore(model, delivery="run", seconds=3600, samples=False)
+    assert [len([one for one in result.findings if one.kind == "deadlock"]) for result in (whole, part)] == [4, 1]
+    assert part.states == whole.states
+    assert (
+        "NOT all findings made (3 states in which robots wait forever not looked into; delivery run, " in part.summary()
+    )
+    assert (whole.status, part.status) == (("completed", "partial") if accepted else ("failed", "failed"))
+    assert explore(model, delivery="run", seconds=3600).sampled, "parts are explored besides"
+
+
+def test_single_faults_that_the_time_does_not_suffice_for_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair: dict[str, Steps] = {"A": ["work", "throw x", "catch y"], "B": ["catch x", "work", "throw y"]}
+    model = fame.read(text_of(pair).encode())
+    (whole,) = explore(model, delivery="run", faults=True).searches
+    monkeypatch.setattr(exploration, "FINDING", 0.0)
+    (part,) = explore(model, delivery="run", faults=True, seconds=3600, samples=False).searches
+    assert len(part.faults) == 1
+    assert part.left_out == (f"{len(whole.faults) - 1} single faults not looked into",)
+
+
+def test_what_waits_after_errors_is_counted_where_the_time_does_not_suffice(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = fame.read(text_of(WAITING | {"C": ["work", ("or", ["error c"], WAITING["C"][1:])]}).encode())
+    monkeypatch.setattr(exploration, "FINDING", 0.0)
+    part = explore(model, delivery="run", seconds=3600, samples=False)
+    assert "3 states after errors in which robots wait forever not looked into" in part.cuts
+    (error,) = (one for one in part.findings if one.kind == "error")
+    assert "waits at" in error.text, "one of the four is told"

@@ -7,14 +7,14 @@ out of a deadlock, and must not hide it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from fame.check.explore.faults import Faults
 from fame.check.explore.findings import ExplorationReport, Finding
 from fame.check.explore.graph import Explored
 from fame.check.explore.growth import MOST_AT_ONE_PLACE, MOST_INSTANCES
-from fame.check.explore.host import never
+from fame.check.explore.host import Stop, never
 from fame.check.explore.places import accepted, elements_of
 from fame.check.explore.product import Delivery, Options, Product
 from fame.check.explore.properties import Judged
@@ -27,17 +27,16 @@ from fame.check.explore.transitions import FAULTS, MASK
 from fame.dataclasses import dataclass, replace
 from fame.engine.program import Node
 
-Stop = Callable[[], bool]
-"""Returns whether the time is over."""
 _HOLDING = ("proved", "not triggered")
 
 
 @dataclass(slots=True)
 class SearchBudget:
-    """What searches share: how many states are left for them, and whether the time is over."""
+    """What searches share: how many states are left for them, and whether the time is over, also that for findings."""
 
     left: int
     stop: Stop
+    stop_findings: Stop = never
 
 
 def search(team: Team, delivery: Delivery, budget: SearchBudget) -> tuple[Searched, list[Finding]]:
@@ -47,6 +46,7 @@ def search(team: Team, delivery: Delivery, budget: SearchBudget) -> tuple[Search
     searches = [report.explored]
     note_received(team, report)
     findings, faults = report.findings(), list[tuple[str, str, Finding | None]]()
+    left_out = report.left_out
     judged = team.monitors.judge(report.runs, exhaustive=not cuts) if team.monitors is not None else ()
     if team.request.faults and budget.left <= 0:
         cuts = (*cuts, "no budget is left for single faults")
@@ -54,6 +54,7 @@ def search(team: Team, delivery: Delivery, budget: SearchBudget) -> tuple[Search
         report, further_cuts = _explore(team, delivery, budget, faults=True)
         searches.append(report.explored)
         cuts, faults = tuple(dict.fromkeys((*cuts, *further_cuts))), report.faults()
+        left_out += report.left_out
         findings += [finding for _, _, finding in faults if finding is not None]
     searched = Searched(
         delivery=delivery,
@@ -61,11 +62,17 @@ def search(team: Team, delivery: Delivery, budget: SearchBudget) -> tuple[Search
         transitions=sum(explored.transitions for explored in searches),
         seconds=time.perf_counter() - begun,
         cuts=cuts,
-        bound=any(explored.cut for explored in searches),
+        left_out=left_out_of(left_out),
+        bound=bool(left_out) or any(explored.cut for explored in searches),
         faults=tuple((name, delivery, outcome) for name, outcome, _ in faults),
         judged=tuple(judged),
     )
     return searched, findings
+
+
+def left_out_of(counts: Mapping[str, int]) -> tuple[str, ...]:
+    """Return in words what findings were not made for lack of time."""
+    return tuple(f"{number:,} {what} not looked into" for what, number in counts.items())
 
 
 def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Searched:
@@ -144,11 +151,11 @@ def _explore(
         explored = explore(product)
     budget.left -= len(explored.states)
     cuts = tuple(_cuts(team, product, explored))
-    return report_of(team, product, explored, exhaustive=not cuts), cuts
+    return report_of(team, product, explored, budget.stop_findings, exhaustive=not cuts), cuts
 
 
-def report_of(team: Team, product: Product, explored: Explored, *, exhaustive: bool) -> ExplorationReport:
-    """Return what explored states say about a team."""
+def report_of(team: Team, product: Product, explored: Explored, stop: Stop, *, exhaustive: bool) -> ExplorationReport:
+    """Return what explored states say about a team, as far as it can be told until `stop`."""
     return ExplorationReport(
         Runs(product, explored, team.places),
         pools=tuple(pool.name for pool in team.cast.values()),
@@ -160,6 +167,7 @@ def report_of(team: Team, product: Product, explored: Explored, *, exhaustive: b
         ),
         exhaustive=exhaustive,
         sourceless=_sourceless(team),
+        stop=stop,
     )
 
 

@@ -32,8 +32,8 @@ from fame.check.explore.team import Team
 from fame.dataclasses import dataclass, field, replace
 from fame.engine.encoding import Data
 
-SEARCHING = 0.7
-"""Share of the time after which a search ends, so that some is left for samples."""
+SEARCHING, FINDING = 0.7, 0.85
+"""Shares of the time after which a search ends, and the making of its findings, so that some is left for samples."""
 OF_WHOLE_MISSIONS: tuple[FindingKind, ...] = ("always-lost", "outside", "unneeded", "unstarted", "unreachable")
 """Kinds of findings that mean nothing if a mission is explored from its middle."""
 
@@ -87,7 +87,7 @@ class _Searches:
     sampled: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.budget = SearchBudget(self.team.request.limit, self._over)
+        self.budget = SearchBudget(self.team.request.limit, self._over, lambda: self._over(FINDING))
 
     def explore(self) -> Exploration:
         request = self.team.request

@@ -15,13 +15,14 @@ forever, each element at which one of them waits, or its process, has to accept 
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from itertools import groupby
 from typing import Literal
 
 from fame.check.explore.faults import outcomes
 from fame.check.explore.graph import Explored
+from fame.check.explore.host import Stop, never
 from fame.check.explore.product import Product, SingleFault
 from fame.check.explore.trace import Place, Runs, Step, TracedRun, waiting
 from fame.check.explore.values import MARK
@@ -108,6 +109,8 @@ class ExplorationReport:
     accepts    element or process -> the kinds of findings that its property `accept` names, and why
     elements   ids of the elements of each robot's program
     sourceless signals that nothing throws and of which the model names no source, with the place of a robot that waits
+    stop       whether the time for findings is over: of many alike only the first one is then made
+    left_out   how many were not looked into because of that
     """
 
     runs: Runs
@@ -118,6 +121,8 @@ class ExplorationReport:
     elements: tuple[frozenset[str], ...] = ()
     sourceless: tuple[tuple[int, str], ...] = ()
     exhaustive: bool = True
+    stop: Stop = never
+    left_out: Counter[str] = field(default_factory=Counter)
 
     @property
     def product(self) -> Product:
@@ -153,6 +158,9 @@ class ExplorationReport:
         good = self.explored.completable()
         rows: list[tuple[str, str, Finding | None]] = []
         for fault, at in outcomes(self.product, self.explored, good).items():
+            if rows and self.stop():
+                self.left_out["single faults"] += 1
+                continue
             if at is None:
                 rows.append((self._fault_name(fault), "the others complete", None))
                 continue
@@ -220,15 +228,20 @@ class ExplorationReport:
         return finding if other.accepted else other
 
     def _least(self, kind: FindingKind, causes: Mapping[Cause, int], good: bytearray) -> Iterator[Finding]:
-        """The findings of some causes, accepted ones and others, each without those whose cause contains another."""
-        findings = {
-            cause: self._without_loss(cause, self._waiting(kind, at, good), good) for cause, at in causes.items()
-        }
-        for cause, finding in findings.items():
-            if not any(
-                other < cause and bool(findings[other].accepted) == bool(finding.accepted) for other in findings
-            ):
-                yield finding
+        """The findings of some causes, accepted ones and others, each without those whose cause contains another.
+
+        The least come first, which are the ones that another can contain: the time may be over before the last.
+        """
+        findings: dict[Cause, Finding] = {}
+        for cause in sorted(causes, key=len):
+            if findings and self.stop():
+                self.left_out["states in which robots wait forever"] += 1
+                continue
+            finding = self._without_loss(cause, self._waiting(kind, causes[cause], good), good)
+            accepted = bool(finding.accepted)
+            if not any(other < cause and bool(known.accepted) == accepted for other, known in findings.items()):
+                findings[cause] = finding
+        yield from (findings[cause] for cause in causes if cause in findings)
 
     def _cause(self, at: int, moving: Set[int] = frozenset()) -> Cause:
         """At which elements robots of which pool wait in a state."""
@@ -410,11 +423,16 @@ class ExplorationReport:
         def is_new(layer: int, cause: Cause) -> bool:
             """Whether a cause does not already occur after fewer errors."""
             between = [other for below in range(1, layer) for other in layers.get(below, ())]
-            return layer > 0 and not any(other <= cause for other in layers.get(0, ())) and not any(
+            return not any(other <= cause for other in layers.get(0, ())) and not any(
                 other <= cause or cause <= other for other in between
-            )  # fmt: skip
+            )
 
-        causes = {(layer, cause) for layer, some in layers.items() for cause in some if is_new(layer, cause)}
+        causes = set[tuple[int, Cause]]()
+        for layer, cause in ((layer, cause) for layer, some in layers.items() if layer for cause in some):
+            if causes and self.stop():
+                self.left_out["states after errors in which robots wait forever"] += 1
+            elif is_new(layer, cause):
+                causes.add((layer, cause))
         new = {at for at, cause in hits.items() if (explored.layer(at), cause) in causes}
         leads = explored.leading_to(new)
         sources: dict[tuple[str, str], dict[int, int]] = defaultdict(dict)  # error -> state after it -> state before it

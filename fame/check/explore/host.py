@@ -48,6 +48,10 @@ MOST_DECISIONS = 8
 """Decisions within one step that go all ways; later ones alternate, so that a loop over an unknown condition ends."""
 
 
+Stop = Callable[[], bool]
+"""Returns whether the time is over."""
+
+
 class OutOfTimeError(Exception):
     """The time of a search is over in the middle of a step."""
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence, Set
 
 from fame.check.explore.findings import FAILING, LEVELS, Finding
 from fame.check.explore.properties import PROOFS, Judged
+from fame.check.explore.trace import Place
 from fame.dataclasses import dataclass, field, replace
 
 
@@ -33,13 +34,14 @@ class MergedFindings:
 
     def add_sampled(self, findings: Iterable[Finding]) -> None:
         """Add what is new among the findings of a sample: in a part of a team robots wait at fewer elements."""
-        self.add([finding for finding in findings if not self._knows(finding)])
+        deadlocks = [
+            {*known.places} for known in self._by_cause.values() if known.kind in FAILING and not known.accepted
+        ]
 
-    def _knows(self, finding: Finding) -> bool:
-        """Whether robots wait at all elements of a deadlock that is known and not accepted."""
-        places = {*finding.places}
-        deadlocks = (other for other in self._by_cause.values() if other.kind in FAILING and not other.accepted)
-        return finding.kind in FAILING and any({*other.places} <= places for other in deadlocks)
+        def is_known(places: Set[Place]) -> bool:
+            return any(known <= places for known in deadlocks)
+
+        self.add([finding for finding in findings if finding.kind not in FAILING or not is_known({*finding.places})])
 
     def of_all(self, received: Set[tuple[str, str]], *, partial: bool) -> tuple[Finding, ...]:
         """Return the findings, in the light of what robots of each process have received in any search.

@@ -13,13 +13,19 @@ from fame.dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """One search. `bound`: a limit of states or time has ended it, or it did not begin."""
+    """One search.
+
+    cuts      why not all states were found
+    left_out  what was not looked into for findings, since the time was over
+    bound     a limit of states or time has ended it, or it did not begin
+    """
 
     delivery: Delivery
     states: int
     transitions: int
     seconds: float
     cuts: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
     bound: bool = False
     faults: tuple[tuple[str, str, str], ...] = ()
     judged: tuple[Judged, ...] = ()
@@ -56,13 +62,13 @@ class Exploration:
 
     @property
     def exhaustive(self) -> bool:
-        """Whether all states were found, in every delivery that was asked for."""
-        return not any(search.cuts for search in self.searches)
+        """Whether all states were found and looked into, in every delivery that was asked for."""
+        return not any(search.cuts or search.left_out for search in self.searches)
 
     @property
     def cuts(self) -> tuple[str, ...]:
         """Why it is not exhaustive."""
-        return tuple(dict.fromkeys(cut for search in self.searches for cut in search.cuts))
+        return tuple(dict.fromkeys(cut for search in self.searches for cut in (*search.cuts, *search.left_out)))
 
     @property
     def status(self) -> Literal["completed", "partial", "failed"]:
@@ -98,4 +104,5 @@ class Exploration:
         modes += ", only the order of fame run" if modes == "run" else ""
         if self.exhaustive:
             return f"{self.file}: all states explored ({', '.join(self.robots)}; delivery {modes}): {spent}"
-        return f"{self.file}: NOT all states explored ({', '.join(self.cuts)}; delivery {modes}): {spent}"
+        done = "states explored" if any(search.cuts for search in self.searches) else "findings made"
+        return f"{self.file}: NOT all {done} ({', '.join(self.cuts)}; delivery {modes}): {spent}"

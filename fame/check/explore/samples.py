@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 from fame.bpmn.pools import Pool, all_processes
-from fame.check.explore.deliveries import SearchBudget, Stop, note_received, report_of, search, steps_end
+from fame.check.explore.deliveries import SearchBudget, left_out_of, note_received, report_of, search, steps_end
 from fame.check.explore.findings import FAILING, Finding
 from fame.check.explore.graph import Explored
-from fame.check.explore.host import OutOfTimeError
+from fame.check.explore.host import OutOfTimeError, Stop
 from fame.check.explore.product import Delivery, Options, Product
 from fame.check.explore.sampling import STEPS, Sampler, durations
 from fame.check.explore.team import Team
@@ -19,11 +19,13 @@ from fame.dataclasses import replace
 def samples(team: Team, stop: Stop) -> Iterator[tuple[str, list[Finding]]]:
     """Explore further parts, and yield the name of each, and what was found in it."""
     steps = max(STEPS, team.request.limit // 20)
-    goes_on, findings = _followed(team, "run", Sampler.schedule, steps, stop)
-    yield f"the order of fame run{f', followed for {steps:,} steps' if goes_on and not stop() else ''}", findings
+    goes_on, left_out, findings = _followed(team, "run", Sampler.schedule, steps, stop)
+    followed = (f"followed for {steps:,} steps",) if goes_on and not stop() else ()
+    yield ", ".join(("the order of fame run", *followed, *left_out)), findings
     yield from _fewer_robots(team, steps, stop)
     for delivery in team.request.delivery:
-        yield f"random runs, delivery {delivery}", _followed(team, delivery, Sampler.wander, steps, stop)[1]
+        _, left_out, findings = _followed(team, delivery, Sampler.wander, steps, stop)
+        yield ", ".join((f"random runs, delivery {delivery}", *left_out)), findings
 
 
 def _fewer_robots(team: Team, steps: int, stop: Stop) -> Iterator[tuple[str, list[Finding]]]:
@@ -52,14 +54,16 @@ def _with_fewer(team: Team, number: int, steps: int, stop: Stop) -> tuple[list[F
         if counts[pool.name] <= number or not pool.multi_instance:
             cast[robot] = pool
     request = replace(team.request, faults=False, samples=False, properties=())
-    searched, findings = search(Team(team.definitions, team.library, cast, request), "run", SearchBudget(steps, stop))
-    return [finding for finding in findings if finding.kind in FAILING and not finding.accepted], not searched.cuts
+    budget = SearchBudget(steps, stop, stop)
+    searched, findings = search(Team(team.definitions, team.library, cast, request), "run", budget)
+    errors = [finding for finding in findings if finding.kind in FAILING and not finding.accepted]
+    return errors, not (searched.cuts or searched.left_out)
 
 
 def _followed(
     team: Team, delivery: Delivery, follow: Callable[[Sampler], Explored], steps: int, stop: Stop
-) -> tuple[bool, list[Finding]]:
-    """Whether some runs would go on, and what happens in them: what never happens cannot be said."""
+) -> tuple[bool, tuple[str, ...], list[Finding]]:
+    """Whether some runs would go on, what is left out, and what happens: what never happens cannot be said."""
     product = Product(team.robots, team.locals, Options(delivery=delivery, reduced=False, stop=stop, given=team.given))
     processes = all_processes(team.definitions, team.pools, team.library)
     sampler = Sampler(product, durations(process.body.elements() for _, process in processes), stop, steps)
@@ -68,7 +72,8 @@ def _followed(
             follow(sampler)
         except OutOfTimeError:
             sampler.close()
-    report = report_of(team, product, sampler.explored, exhaustive=False)
+    report = report_of(team, product, sampler.explored, stop, exhaustive=False)
     note_received(team, report)
     kinds = (*FAILING, "error", "condition", "dropped")
-    return sampler.bound, [finding for finding in report.findings() if finding.kind in kinds]
+    findings = [finding for finding in report.findings() if finding.kind in kinds]
+    return sampler.bound, left_out_of(report.left_out), findings
