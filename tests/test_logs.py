@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from bpmn_text import process
+from collaborations import text_of
 
 import fame
 from fame.bpmn import read_text
@@ -284,6 +285,24 @@ def test_the_notes_below_a_drawing_tell_the_time_and_what_failed(ending: str, tm
     assert run.notes(definitions) == ["REX: 0.0 s to 1.5 s", 'REX failed at 1.5 s: "Look" (look): script']
     with pytest.raises(ConfigError, match="unknown robot 'RAX'; did you mean 'REX'"):
         run_outcomes(tmp_path / f"run.{ending}", definitions, robots=["RAX"])
+
+
+def test_a_failure_is_told_by_the_error_that_nothing_caught(tmp_path: Path) -> None:
+    """Another one, in the same instant, was caught."""
+    steps = {"A": [("guard", ["run raise BpmnError('c')"], "error c", ["run y = 1 / 0"])]}
+    definitions = read_text(text_of(steps), file="guard.bpmn")
+    with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
+        fame.Simulation(definitions, observer=write).run()
+    (failure,) = run_outcomes(tmp_path / "run.jsonl", definitions).failures
+    assert failure == (0.0, "robot", "A_script_10", "script")
+
+
+def test_the_path_of_a_robot_begins_with_its_first_step(tmp_path: Path) -> None:
+    row = {"instance": 1, "scope": 1, "element": "patrol", "what": "start"}
+    rows = [json.dumps({"time": time, "robot": robot} | row) for time, robot in ((5, "REX"), (7, "DINGO"))]
+    (tmp_path / "run.jsonl").write_text("\n".join(rows))
+    run = run_outcomes(tmp_path / "run.jsonl", read_text(SMALL, file="patrol.bpmn"), robots=["DINGO"])
+    assert (run.start, run.end) == (7, 7)
 
 
 def test_an_end_event_that_raises_an_error_has_failed_once(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 class RunOutcomes:
     """The path of a run: outcomes by element, the robots (of those wanted), its first and last second, and errors.
 
-    `failures`: second, robot, element and error code of each instance that failed, where it began to fail.
+    `failures`: second, robot, element and error code of each instance that failed, by the error that nothing caught.
     `violations`: second, robot, element and text of each property that an event there, or silence after it, violated.
     """
 
@@ -90,7 +90,7 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
             if row["what"] not in _MOVES:
                 continue
             key = str(row.get("robot", "")), str(row["instance"])
-            if not seconds or not robots or key[0] in robots:
+            if not robots or key[0] in robots:
                 seconds = [*seconds[:1], float(row["time"])]
             instances.setdefault(key, _Instance()).add(
                 str(row["scope"]), row["element"], row["what"], float(row["time"]), str(row.get("detail") or "")
@@ -129,18 +129,18 @@ class _Instance:
     ended: bool = False
     counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     own: set[str] = field(default_factory=set)
-    failing: list[tuple[float, str, str]] = field(default_factory=list)
+    failing: tuple[float, str, str] | None = None
     failure: tuple[float, str, str] | None = None
 
     def add(self, scope: str, element: str, what: str, second: float, detail: str) -> None:
-        if what == "fail" and not (self.failing and self.failing[-1][0] == second):
-            self.failing.append((second, element, detail))  # where it began: it climbs within the instant
+        if what == "fail":  # each error has one mark, where it is raised
+            self.failing = second, element, detail
         if what == "start":
             self.process, self.root = element, scope
         elif what == "end":
             self.ended = True
             if detail == "failed":
-                self.failure = self.failing[-1] if self.failing else (second, self.process, "")
+                self.failure = self.failing or (second, self.process, "")
         else:
             self.counts[element][what] += 1
             if scope == self.root:
