@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from bpmn_text import process, properties as deadline
-from collaborations import team
+from collaborations import team, text_of
 
 from fame.bpmn import read
 from fame.bpmn.model import Definitions
@@ -17,8 +17,8 @@ from fame.cli import main
 from fame.clock import SECOND
 from fame.deploy import STRING
 from fame.deploy.requests import TaskRequest
-from fame.log import Recording, team_recorder
-from fame.log.channels import PROPERTIES
+from fame.log import Recording, live_judge, team_recorder
+from fame.log.channels import EVENTS, PROPERTIES
 from fame.log.clocks import DAY
 from fame.log.judge import judge_log
 from fame.log.live_judge import LiveJudge
@@ -272,3 +272,14 @@ def test_of_whom_nothing_is_heard_nothing_is_known(tmp_path: Path) -> None:
     assert {each.text for each in judged.judging.judgements} == {"nothing of B was recorded"}
     assert judged.notes == []
     judged.close()
+
+
+def test_what_was_not_kept_before_all_robots_had_come_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_judge, "_EARLY", 2)
+    made = properties(never="never A fails", end="A completes", go="never A throws /go", low="always /go.data < 3")
+    judging = LiveJudge(made)
+    for time, what in enumerate(("start", "fail", "end")):
+        judging.put(EVENTS, time, {"robot": "A", "events": [{"instance": 1, "scope": 1, "marks": [["A", what, ""]]}]})
+    judging.on_model("A", {"process": "A", "models": [{"name": "t.bpmn", "xml": text_of({"A": ["throw go"]})}]})
+    judging.end(complete=True)
+    assert {each.verdict for each in judging.judgements} == {"not known"}

@@ -24,7 +24,7 @@ from fame.properties import Judgement, Property
 from fame.properties.vocabulary import Vocabulary
 
 _EARLY = 100_000
-"""Messages that are kept until all robots that the properties name are known."""
+"""Messages that are kept until all robots that the properties name are known: with more, nothing so far is known."""
 
 
 class LiveJudge(Sink):
@@ -51,6 +51,7 @@ class LiveJudge(Sink):
         self._processes, self._models = team_of_model(model if team is None else None)
         self._ready, self._wrong, self._last = team is not None, "", 0
         self._early: list[Callable[[], object]] = []
+        self._overflow = False
         self._channels: dict[int, tuple[str, str, str]] = {}
         self._told: set[str] = set()
         self._sink = Sink()
@@ -105,6 +106,9 @@ class LiveJudge(Sink):
         self._declare()
         for take in early:
             take()
+        if self._overflow:
+            why = f"not all robots were known after {_EARLY:,} messages, and further ones were not kept"
+            self._judge.judge.lose(None, why)
 
     def _watch(self, time: int, judgement: Judgement) -> None:
         """Record a change, and note a violation."""
@@ -124,6 +128,8 @@ class LiveJudge(Sink):
             take()
         elif len(self._early) < _EARLY:
             self._early.append(take)
+        else:
+            self._overflow = True
         self._last = max(time, self._last)
 
     def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:

@@ -217,10 +217,14 @@ class Judge:
             elif self._owners.get(source) == instance:
                 self.sample(time, source, math.nan)
 
-    def lose(self, robot: str, reason: str, since: int | None = None) -> None:
-        """Events of a robot were lost, perhaps all after the time `since` (ns): what needs them is not known."""
+    def lose(self, robot: str | None, reason: str, since: int | None = None) -> None:
+        """Events of a robot were lost, perhaps all after the time `since` (ns): what needs them is not known.
+
+        None: events and messages of everybody.
+        """
         for number, monitor in enumerate(self.monitors):
-            if any(key[0] == robot for key in monitor.events) or any(one.subject == robot for one in monitor.sources):
+            subjects = {*(key[0] for key in monitor.events), *(one.subject for one in monitor.sources)}
+            if robot is None or robot in subjects:
                 for part in range(len(monitor.parts)):
                     state = self._states[number][part]
                     if since is not None and state[0] == VIOLATED and state[2] > since and _lacks(monitor):
