@@ -319,7 +319,7 @@ def test_what_lies_outside_of_every_run_is_not_judged():
     assert "outside of every run, or longer than any run of the training: not judged" in judged.notes
 
 
-@pytest.mark.parametrize("late", [-0.2, -0.1, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("late", [-0.2, -0.1, 0.05, 0.1, 0.13, 0.2])
 def test_a_whole_run_may_be_late(late: float):
     assert (losses(lively_model(), lively(300, late), 5).values / lively_model().thresholds).max() < 1
     strict = fit([lively(seed) for seed in range(RUNS)], replace(CONFIG, start_within=0.0, margin=1.5))
@@ -329,6 +329,19 @@ def test_a_whole_run_may_be_late(late: float):
 def test_one_channel_that_is_late_against_the_others_is_a_fault():
     late = losses(lively_model(), lively(301, 0.2, of=(1,)), 5).values / lively_model().thresholds
     assert late.max() > 1
+
+
+def test_a_step_that_is_late_against_the_run_is_a_fault():
+    given = lively(302)
+    given.values[150:] = lively(302, 0.2).values[150:]  # since 3 s
+    late = losses(lively_model(), given, 5)
+    above = late.stamps[(late.values > lively_model().thresholds).any(axis=1)]
+    assert 3.0 < above[0] < 4.8
+
+
+def test_a_run_that_is_late_is_judged_whole():
+    (judged,) = judge_trained(lively_model(), [labelled(lively(303, 0.2))], "m").runs
+    assert (judged.verdict, judged.share) == ("benign", 1.0)
 
 
 def test_the_card_says_how_the_begin_of_a_run_is_found():

@@ -124,6 +124,22 @@ def test_live_the_topic_begins_and_ends_runs(folder: Path):
     assert set(np.searchsorted(begins, ends[above] + 1e-6).tolist()) == {4}
 
 
+def test_live_what_lasts_longer_than_any_run_is_not_judged(folder: Path):
+    stamps, values, busy = day(1, 3)
+    rest = np.random.default_rng(0).standard_normal((200, 2))
+    values, busy = np.concatenate((values, rest)), np.concatenate((busy, np.ones(200)))
+    stamps = stamps[0] + np.arange(len(values)) / RATE
+    losses = play(
+        folder, stamps, values, busy,
+        lambda *parts: ProcessingNode(
+            *parts, load(folder / "unit.yaml"), processors=[Autoencoder(TrainedModel.load(folder / "model.skops"))]
+        ),
+    )  # fmt: skip
+    last = losses[-1].header.stamp
+    begin = stamps[busy.argmax()]
+    assert RUN - 0.3 < last.sec + 1e-9 * last.nanosec - begin < RUN + 0.3
+
+
 def test_a_bag_is_judged_as_the_table_that_was_recorded_with_it(folder: Path, capsys: pytest.CaptureFixture[str]):
     outputs = [folder / "both.csv", folder / "both"]
     configuration = load(folder / "unit.yaml")

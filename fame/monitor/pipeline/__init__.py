@@ -15,6 +15,7 @@ Models::
     detectors      kinds of detectors: autoencoders, PCA, nearest neighbours ...; phases: the one that knows time;
                    other_estimators: those of scikit-learn and PyOD
     elements       the time axis of elements of a mission; band: what the training runs did over it
+    run_finder     which windows are of a run: by a run_trigger, or cycles in the data
     train          `fame monitor train`; training_settings: its settings; training_checks: its warnings; compare: its
                    option `--compare`
 
