@@ -196,11 +196,13 @@ def _take_rights(part: Path, whole: Path) -> None:
     os.utime(part, ns=(new.st_atime_ns, new.st_mtime_ns))
 
 
-def writable(path: Path) -> None:
+def writable(path: Path, *read: str | os.PathLike[str]) -> None:
     """Make the folder that a result will be written to, and try whether it can be, before hours are spent on it.
 
-    Raises ConfigError.
+    Files that are `read` for it stay: they are no place for a result. Raises ConfigError.
     """
+    if os.path.realpath(path) in {os.path.realpath(each) for each in read}:
+        raise ConfigError("expected a new file, got one that is read", file=str(path))
     if path.is_dir():
         raise ConfigError("expected a file, got a folder", file=str(path))
     with writing(path):  # makes a folder beside it

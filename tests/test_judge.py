@@ -462,3 +462,13 @@ def test_one_anomalous_run_is_no_drift(model: TrainedModel) -> None:
     usual = np.exp(np.array(model.calibration.levels))
     for run in range(30):
         assert monitor.add(usual * (1000 if run == 10 else 1)) == ()
+
+
+def test_a_report_does_not_replace_the_runs_nor_the_model(folder: Path, capsys: pytest.CaptureFixture[str]):
+    files = [folder / "monitor.skops", folder / "runs.csv"]
+    before = [each.read_bytes() for each in files]
+    for option in ("-o", "--scores"):
+        for each in files:
+            assert main(["monitor", "judge", *map(str, files), option, str(each)]) == 2
+            assert "expected a new file, got one that is read" in capsys.readouterr().err
+    assert [each.read_bytes() for each in files] == before

@@ -87,6 +87,11 @@ def test_a_model_is_exported_once_it_gives_its_losses_on_the_runs_of_its_trainin
 
     model, output = train(tmp_path), tmp_path / "m.onnx"
     capsys.readouterr()
+    before = model.read_bytes(), (tmp_path / "runs.csv").read_bytes()
+    for read in (model, tmp_path / "runs.csv"):
+        assert main(["monitor", "export", str(model), "-o", str(read)]) == 2
+        assert f"{read}: expected a new file, got one that is read" in capsys.readouterr().err
+    assert before == (model.read_bytes(), (tmp_path / "runs.csv").read_bytes())
     code, found = told(capsys, "monitor", "export", model, "-o", output)
     assert (code, found["detector"], found["windows"]) == (0, "phase", 66)
     assert found["difference"] < 1e-12

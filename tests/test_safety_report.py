@@ -81,6 +81,13 @@ def test_what_was_not_looked_at_is_not_called_none(tmp_path: Path) -> None:
     assert rows(page.read_text(), "Coverage by tests")[0][0] == "not given"
 
 
+def test_a_report_does_not_replace_the_mission(tmp_path: Path) -> None:
+    model = tmp_path / "choice.bpmn"
+    model.write_text(process(CHOICE))
+    assert main(["check", "--explore", str(model), "--report", str(model)]) == 2
+    assert model.read_text() == process(CHOICE)
+
+
 def test_a_test_that_fails_covers_no_requirement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "choice.bpmn").write_text(process(CHOICE))

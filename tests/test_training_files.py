@@ -419,3 +419,13 @@ def test_a_stream_with_labels_has_rates_of_its_rows_beside_those_of_an_alarm_tha
     assert figures["rows with a false alarm"]["rate"] < 0.1
     assert figures["F1 of rows"] > 0.85 > figures["F1 if the alarm were always on"]
     assert figures["F1 if the alarm were always on"] == pytest.approx(2 * 100 / (100 + 496), rel=0.01)
+
+
+def test_a_model_does_not_replace_the_runs_that_train_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / "runs.csv"
+    file.write_text("run,stamp,a\n" + "".join(f"{row // 60},{row / RATE},{row % 7}\n" for row in range(240)))
+    before = file.read_bytes()
+    words = ["monitor", "train", "--data", str(file), "--detector", "pca", "--window", "10", "-o", str(file)]
+    assert main(words) == 2
+    assert "expected a new file, got one that is read" in capsys.readouterr().err
+    assert file.read_bytes() == before

@@ -79,6 +79,13 @@ def test_every_module_that_the_page_imports_is_in_the_script_before_those_that_n
         assert places[found[1]] < found.start()
 
 
+def test_a_page_does_not_replace_its_recording(agriculture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = agriculture.read_bytes()
+    assert main(["view", str(agriculture), "-o", str(agriculture)]) == 2
+    assert "expected a new file, got one that is read" in capsys.readouterr().err
+    assert agriculture.read_bytes() == before
+
+
 def test_only_a_recording_becomes_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for words in (["model.bpmn"], [], ["run.mcap", "--branch", "1"]):
         assert main(["view", *words, "-o", str(tmp_path / "run.html")]) == 2

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import ArgumentGroup, natural, positive
 from fame.cli.output import coloured, print_json, progress_line, table
 from fame.errors import NOT_KNOWN, ConfigError, FameError
-from fame.text import write_file
+from fame.text import writable, write_file
 
 if TYPE_CHECKING:
     from fame.check.explore import Exploration, Finding
@@ -107,6 +107,8 @@ def run(arguments: Namespace) -> int:
     if arguments.report is not None and len(set(arguments.models)) != 1:
         raise ConfigError(f"--report is about one mission: expected one file, got {len(set(arguments.models))}")
     coverage = read_coverage(arguments.coverage) if arguments.coverage is not None else None
+    if arguments.report is not None:
+        writable(arguments.report, *filter(None, (*arguments.models, arguments.coverage)))
     results = []
     for path in dict.fromkeys(arguments.models):
         with _progress(path) as show:

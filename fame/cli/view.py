@@ -31,6 +31,7 @@ from fame.cli.network import add_network, person
 from fame.cli.output import note
 from fame.errors import ConfigError, FameError
 from fame.rooms import FOXGLOVE, JUDGE_FOR, MONITOR_INPUTS, MONITOR_LABEL, MONITOR_ON_PAGE, load
+from fame.text import writable
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -191,6 +192,7 @@ def _write(arguments: Namespace) -> int:
     path = arguments.subject
     if path is None or path.suffix.lower() != ".mcap" or arguments.branch is not None:
         raise ConfigError("--output writes a recording (RUN.mcap) as a page, without --branch", file=str(path or ""))
+    writable(arguments.output, path)
     without = [word for words in arguments.without for word in words.split(",") if word]
     with _replay(path, arguments) as replay:
         write_page(arguments.output, replay, without=without, size=arguments.size * 1e6, tell=note)

@@ -27,7 +27,7 @@ from fame.log.team_state import KeyWriter, TeamState, shift_times
 from fame.log.writing import RECORDING, logging_to, replaced
 from fame.robot.events import Event
 from fame.robot.robot_state import COUNTED
-from fame.text import suggestion
+from fame.text import suggestion, writable
 
 OCEL = ".ocel.json"
 FORMS: Sequence[str] = (".jsonl", ".csv", ".xes", OCEL)
@@ -171,8 +171,7 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
     """
     if Path(target).suffix.lower() != RECORDING:
         raise ConfigError(f"expected a file name that ends in {RECORDING}, got {Path(target).name!r}", file=str(target))
-    if any(Path(target).resolve() == Path(source).resolve() for source in sources):
-        raise ConfigError("expected a new file, got one of those that are merged", file=str(target))
+    writable(Path(target), *sources)
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(source)) for source in sources]
         merging = _Merging(recordings)

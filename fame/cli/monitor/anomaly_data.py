@@ -11,6 +11,7 @@ from fame.cli.arguments import Commands, Parser, add_json, command, natural, pos
 from fame.cli.monitor.pipelines import listen
 from fame.cli.output import note, print_json
 from fame.errors import ConfigError, MissionError
+from fame.text import writable
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
@@ -116,6 +117,7 @@ def envelope(arguments: Namespace) -> int:
     from robots.arm import sabotage
     from robots.arm.task import MH5, TRIANGLE, read_polygon
 
+    writable(arguments.output, *filter(None, (arguments.benign, arguments.task, arguments.chain)))
     polygon = read_polygon(arguments.task) if arguments.task is not None else TRIANGLE
     chain = load_chain(arguments.chain) if arguments.chain is not None else MH5
     recording = sabotage.envelope(read_csv(arguments.benign), polygon, arguments.tolerance / 1000, chain)

@@ -48,6 +48,7 @@ def run_export(arguments: Namespace) -> int:
     if not files or not (arguments.data or all(each.exists() for each in files)):
         text = "the runs of its training are not here, and it is exported only if it gives the same losses on runs"
         raise ConfigError(f"{text}: expected --data FILE", file=str(path))
+    writable(output, path, *files)
     runs = [run.samples for run in read_for(model, files, arguments)]
     count, apart = export(model, runs, output, single=arguments.single)
     if arguments.json:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import ROWS, Commands, Parser, add_json, add_rows, add_time_unit, command, group, namespace
 from fame.cli.output import note, print_json, table
 from fame.errors import NOT_KNOWN, ConfigError
-from fame.text import percent
+from fame.text import percent, writable
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
@@ -70,6 +70,8 @@ def run_judge(arguments: Namespace) -> int:
     """Judge; exit code 1 if a run is anomalous, otherwise 3 if one was not judged."""
     from fame.monitor.model_card import card_of, load_any
 
+    for written in filter(None, (arguments.scores, arguments.output)):
+        writable(written, arguments.model, *arguments.data)
     model = load_any(arguments.model)
     judgement = judged(model, arguments.model, arguments.data, arguments)
     if arguments.scores is not None:
