@@ -98,6 +98,14 @@ def test_a_run_pauses_where_a_token_comes_to_an_element(run: EditedRun) -> None:
         run.control({"do": "run_to", "to": "z"})
 
 
+@pytest.mark.parametrize("speed", [-1, float("inf"), float("nan")])
+def test_a_run_does_not_begin_at_a_speed_that_is_none(run: EditedRun, speed: float) -> None:
+    with pytest.raises(FameError, match=r"expected a speed from 0 \(at once\) to 1e6, got"):
+        run.control({"do": "begin", "speed": speed})
+    with pytest.raises(FameError, match="nothing runs"):
+        run.control({"do": "pause"})
+
+
 def test_only_a_page_with_another_run_is_told_to_begin_anew(run: EditedRun) -> None:
     kinds = [[one["type"] for one in news] for known, news in (run.news(None), run.news(run.news(None)[0]))]
     assert kinds == [[], []]

@@ -21,7 +21,7 @@ from fame.errors import FameError
 from fame.scenario import Scenario
 from fame.scenario.run import Run
 from fame.view.catalogue import Catalogue
-from fame.view.control import RunControl
+from fame.view.control import RunControl, speed_of
 from fame.view.live import LiveRun
 from fame.view.mission import mission_json
 from fame.view.sink import PageSink
@@ -58,7 +58,7 @@ class EditedRun(Closing):
     def _begin(self, command: Mapping[str, Any], time: int | None = None) -> None:
         """Begin a run, as fast as possible to `time` (ns) if there is one. What runs goes on if that fails."""
         scenario = self._scenario()
-        control = RunControl(speed=float(command.get("speed", 1.0)), pause_at=time)
+        control = RunControl(speed=speed_of(command.get("speed", 1.0)), pause_at=time)
         run, made, free = _Page(scenario, control), Future[None](), threading.Event()
         if command.get("to"):
             control.goal = _number(run, str(command["to"]))

@@ -41,6 +41,13 @@ _Command = Mapping[str, Any]
 _Result = TypeVar("_Result")
 
 
+def speed_of(given: Any) -> float:
+    """Give the speed that a command asks for, in simulated s a second. Raises FameError."""
+    if not 0 <= (speed := float(given)) <= 1e6:
+        raise FameError(f"expected a speed from 0 (at once) to 1e6, got {speed:g}")
+    return speed
+
+
 class RunControl:
     """A `fame.scenario.run.Pace` that carries out the commands of pages. Commands come from any thread.
 
@@ -189,10 +196,7 @@ class RunControl:
         return ""
 
     def _do_speed(self, run: Run, command: _Command) -> str:
-        speed = float(command["speed"])
-        if not 0 <= speed <= 1e6:
-            raise FameError(f"expected a speed from 0 (at once) to 1e6, got {speed:g}")
-        self.speed, self._origin = speed, None
+        self.speed, self._origin = speed_of(command["speed"]), None
         return ""
 
     def _do_breakpoint(self, run: Run, command: _Command) -> str:
