@@ -25,6 +25,11 @@ TWO: dict[str, Steps] = {
 LOOP: dict[str, Steps] = {"A": [("loop", ["work", "throw a"])], "B": ["catch a", "throw b"]}
 FOREVER: dict[str, Steps] = {"A": [("while", ["work"])], "B": ["work", "throw b"]}
 RAISES: dict[str, Steps] = {"A": ["run raise ValueError('x')"], "B": ["run assert 1 > 2"]}
+SKIPPED: dict[str, Steps] = {
+    "A": ["run x = 0", "work", "run y = 1 / x"],
+    "B": ["run x = [1, 2]; y = x", "run z = 1 / 2", "work"],
+    "C": ["run import json; z = json.loads('')"],
+}
 OPAQUE: dict[str, Steps] = {"A": ["run import os; assert os.getpid() < 2"], "B": ["work"]}
 COUNTS: dict[str, Steps] = {
     "A": ["run n = 0", "work", "run n += 1", "run n = n + 1", "work", "throw a"],
@@ -61,6 +66,12 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (FOREVER, "B completes", "proved"),
         (FOREVER, "A completes", "refuted"),
         (RAISES, "never A fails", "refuted"),
+        (SKIPPED, "never A fails", "not known"),
+        (SKIPPED, "never A fails at A_script_6", "not known"),
+        (SKIPPED, "never A fails at A_script_2", "proved"),
+        (SKIPPED, "A completes", "proved"),  # as documented
+        (SKIPPED, "never B fails", "proved"),
+        (SKIPPED, "never C fails", "not known"),
         (RAISES, "B completes", "refuted"),
         (OPAQUE, "never A fails", "refuted"),
         (OPAQUE, "B completes", "not known"),
@@ -84,6 +95,31 @@ def test_verdicts(robots: dict[str, Steps], sentence: str, verdict: str) -> None
     found = judged(robots, sentence, delivery="run")
     assert found.verdict == verdict, found
     assert verdict == "refuted" or not found.run
+
+
+def test_a_property_that_a_skipped_statement_may_violate_names_it() -> None:
+    assert judged(SKIPPED, "never A fails").text == (
+        "A's A_script_6 may raise an error: an exploration does not execute `y = 1 / x`"
+    )
+
+
+@pytest.mark.parametrize(
+    ("script", "error"),
+    [
+        ("y = 1 / 0", "ZeroDivisionError: division by zero"),
+        ("y = [1][3]", "IndexError"),
+        ("a, b = 1, 2, 3", "ValueError"),
+        ("y = int('abc')", "ValueError"),
+        ("z = 2; y = 1 / 0", "ZeroDivisionError"),
+        ("y = 1 / 2", ""),
+        ("y = 2 ** 0.5", ""),
+        ("me = robot.name", ""),
+    ],
+)
+def test_a_script_that_constants_let_fail_fails_although_nothing_needs_its_value(script: str, error: str) -> None:
+    found = explore(team({"A": [f"run {script}", "throw x"], "B": ["work"]}), delivery="run")
+    (text, *more) = [one.text for one in found.findings if one.kind == "error"] or [""]
+    assert (error in text, bool(text), more) == (True, bool(error), [])
 
 
 def test_a_refutation_has_a_run_that_ends_with_it() -> None:

@@ -28,7 +28,7 @@ from fame.check.explore.decisive import decisive, needed_by_statements
 from fame.check.explore.element_variables import assigned_by, changed_by, filled_in, written_by, written_objects
 from fame.check.explore.error_codes import computed_codes
 from fame.check.explore.failures import Failures, Guarded, in_order
-from fame.check.explore.slicing import sliced, without_operations
+from fame.check.explore.slicing import skipped, sliced, without_operations
 from fame.check.explore.team_facts import TeamFacts, facts_of
 from fame.check.expressions import cover_all
 from fame.dataclasses import dataclass, field, fields, replace
@@ -77,6 +77,7 @@ class Abstraction:
     guarded  scripts whose exceptions an error event may catch
     asks     script that waits for actions and services -> the codes with which it may fail because of them
     computed (throwing event, text of its computed code) -> the named codes that it may have
+    skipped  script -> a statement that is left out although it may raise
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
 
     Elements are known by their ids alone, so that what two processes with one id add is joined.
@@ -93,6 +94,7 @@ class Abstraction:
     guarded: set[str] = field(default_factory=set)
     asks: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
     given: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _rewritten: dict[tuple[str, int], tuple[model.Process, model.Process]] = field(default_factory=dict)
@@ -212,6 +214,8 @@ class _Rewriter:
         script = without_items(script, facts.counted, may_fail=caught)
         script = script if caught else without_operations(script, facts.unknown)
         if needed is not None:
+            if not caught and (statement := skipped(script, needed)):
+                self.to.skipped[task.id] = statement
             script = facts.aliases.marked(script if caught else sliced(script, needed), needed)
         return replace(task, script=script)
 

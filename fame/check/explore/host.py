@@ -21,6 +21,7 @@ from fame.check.explore.asking import asking, functions
 from fame.check.explore.graph import reachable
 from fame.check.explore.purity import STEPS, is_computable
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
+from fame.check.explore.slicing import fails_alone, may_raise
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.dataclasses import dataclass, field, replace
@@ -135,6 +136,10 @@ class ExplorationHost:
         """The computed codes of throwing events, see `Abstraction`."""
         self.opaque: set[str] = set()
         """Scripts that may raise, and are not executed."""
+        self.skipped: dict[str, str] = {}
+        """Scripts of which something is not executed that may raise, and what of it."""
+        self.left_out: Mapping[str, str] = model.skipped
+        """Statements that the abstraction has left out, see `Abstraction.skipped`."""
         self.traceable: bool = True
         """Whether `Watched` variables note all that texts read and write."""
         self.given: Mapping[str, Set[str]] = model.given
@@ -330,6 +335,9 @@ class ExplorationHost:
         # What a module raises is not known: it counts where an error event would catch it.
         if not executed and (effects.fails or (effects.imports and element in self.guarded)):
             step = replace(step, codes=tuple(sorted({*step.codes, "script"})))
+        unseen = not computable and not effects.waits and "script" not in step.codes
+        if element in self.left_out or (unseen and may_raise(script)):
+            self.skipped[element] = self.left_out.get(element) or script.text.strip().partition("\n")[0]
         if effects.waits:
             running = Running(step)
             return lambda variables: running
@@ -337,8 +345,11 @@ class ExplorationHost:
         if (
             quiet
             and element not in self.caught
+            and not fails_alone(script)
             and not any(map(self.kept, step.writes if computable else (*step.writes, *step.changes)))
         ):
+            if may_raise(script):
+                self.skipped.setdefault(element, script.text.strip().partition("\n")[0])
             return lambda variables: None
         if not computable:
             return lambda variables: self._abstract(step, element, variables)

@@ -137,6 +137,7 @@ class Monitors:
         self.sources: tuple[ValueSource, ...] = tuple(sorted(read))
         self._places = {(one.subject, one.name): place for place, one in enumerate(self.sources)}
         self._values = next(iter(robots.values())).values
+        self._robots = robots
         self._opaque = [f"{name}'s {id}" for name, local in robots.items() for id in sorted(local.host.opaque)]
         named = (robot for one in self.monitors for robot in self._apart(one))
         self.apart: frozenset[str] = frozenset(robots if self.watches else named)
@@ -153,6 +154,18 @@ class Monitors:
         """The robots that a property tells apart from others of their pool."""
         values = (value.subject.text for value in subjects(monitor.spec))
         return sorted({*(event.robot.text for event in monitor.spec.occurrences), *values} & self._several)
+
+    def _may_fail(self, monitor: Monitor) -> str:
+        """What may fail besides, of what a property asks whether it fails; empty for nothing."""
+        fails = [(robot, element) for (robot, element, what), reactions in monitor.events.items()
+                 if what == "fail" or (what == "end" and any(one.detail == "failed" for one in reactions))]  # fmt: skip
+        for robot, element in fails:  # an error event keeps the exceptions of guarded scripts from the robot
+            local = self._robots[robot]
+            uncaught = local.host.skipped.keys() - local.host.guarded if element == local.program.process else {element}
+            if id := min(uncaught & local.host.skipped.keys(), default=""):
+                text = local.host.skipped[id]
+                return f"{robot}'s {id} may raise an error: an exploration does not execute `{text}`"
+        return ""
 
     def _number(self, states: tuple[Any, ...]) -> int:
         number = self._numbers.setdefault(states, len(self.states))
@@ -250,6 +263,8 @@ class Monitors:
                 verdict, said = "not known", [ABSENT, *said]
             elif doubt := _doubtful(monitor, [self.states[number][place] for number in numbers], explored):
                 verdict, said = "not known", [doubt, *said]
+            elif skipped := self._may_fail(monitor):
+                verdict, said = "not known", [skipped, *said]
             elif all(monitor.verdict(self.states[number][place]).word == "not triggered" for number in {*numbers}):
                 verdict = "not triggered"
             if self._opaque and exhaustive:

@@ -4,7 +4,8 @@ Two things are left out of the scripts of a team before it is explored:
 
 - operations on what is certainly unknown: if `odom` comes from a sensor, ``odom.x - shelf[0]`` is unknown whatever
   `shelf` is, so ``odom.x`` takes its place;
-- statements that only set variables on which no decision depends. What they might raise is not found.
+- statements that only set variables on which no decision depends. What they might raise is not found, but of those
+  that read no variable: these are kept, since they fail in each run or in none, which costs no states.
 
 Neither is left out where an error event may catch what a script raises. A script that defines functions, waits, or
 hands variables to unknown functions is taken as a whole.
@@ -17,9 +18,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Set
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 from fame.bpmn.model import Expression, Process
 from fame.check.explore.element_variables import used_besides_texts
+from fame.check.explore.purity import is_computable
 from fame.engine.data import variable_name
 from fame.scripting.effects import effects_of
 from fame.scripting.python_effects import (
@@ -36,6 +39,20 @@ Dependency = tuple[frozenset[str], frozenset[str]]
 
 _UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, ast.ImportFrom, ast.Global, ast.Nonlocal,
               ast.Await, ast.AsyncFor, ast.AsyncWith, ast.NamedExpr, ast.Delete)  # fmt: skip
+_HARMLESS = (ast.Module, ast.Assign, ast.Expr, ast.Pass, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.expr_context)
+"""What raises nothing: giving a name a constant, the value of another one, or a list of these."""
+
+
+class _Statement(NamedTuple):
+    """A statement. `loud`: whether it does more than set variables; `alone`: whether it fails by itself, or never."""
+
+    tree: ast.stmt
+    loud: bool
+    alone: bool
+    link: Dependency
+
+    def decides(self, needed: Set[str]) -> bool:
+        return self.loud or self.alone or bool(self.link[1] & needed)
 
 
 @lru_cache(maxsize=1024)
@@ -46,21 +63,45 @@ def links(script: Expression) -> tuple[Dependency, ...]:
     if statements is None:
         effects = effects_of(script, script=True)
         return ((effects.reads, effects.writes),)
-    return tuple(link for _, _, link in statements)
+    return tuple(statement.link for statement in statements)
 
 
 def sliced(script: Expression, needed: Set[str]) -> Expression:
     """Return the script without the statements that set no variable that is needed."""
     statements = _statements(script)
-    if statements is None or all(loud or writes & needed for _, loud, (_, writes) in statements):
+    if statements is None or all(statement.decides(needed) for statement in statements):
         return script
-    left = [statement for statement, loud, (_, writes) in statements if loud or writes & needed]
+    left = [statement.tree for statement in statements if statement.decides(needed)]
     return replace(script, text="\n".join(map(ast.unparse, left)) or "pass")
 
 
+def skipped(script: Expression, needed: Set[str]) -> str:
+    """Return the first statement that `sliced` leaves out although it may raise; empty if there is none."""
+    left_out = (one.tree for one in _statements(script) or () if not one.decides(needed))
+    return next((ast.unparse(tree) for tree in left_out if _may_raise(tree)), "")
+
+
+def fails_alone(script: Expression) -> bool:
+    """Return whether constants alone may make a script fail."""
+    return any(statement.alone for statement in _statements(script) or ())
+
+
+def may_raise(script: Expression) -> bool:
+    """Return whether a script does more than give names constants or values of others."""
+    tree = _tree(script)
+    return tree is None or _may_raise(tree)
+
+
+def _may_raise(tree: ast.AST) -> bool:
+    return not all(
+        isinstance(node, _HARMLESS) and not (isinstance(node, ast.Tuple | ast.List) and isinstance(node.ctx, ast.Store))
+        for node in ast.walk(tree)
+    )
+
+
 @lru_cache(maxsize=1024)
-def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Dependency]] | None:
-    """(statement, whether it does more than set variables, its link); None if a script is taken as a whole."""
+def _statements(script: Expression) -> list[_Statement] | None:
+    """The statements; None if a script is taken as a whole."""
     tree = _tree(script)
     if tree is None or any(isinstance(node, _UNDIVIDED) for node in ast.walk(tree)) or changes_parts(tree):
         return None
@@ -68,12 +109,16 @@ def _statements(script: Expression) -> list[tuple[ast.stmt, bool, Dependency]] |
         return None
     statements = []
     for statement in tree.body:
-        alone = effects_of(replace(script, text=ast.unparse(statement)), script=True)
+        text = replace(script, text=ast.unparse(statement))
+        effects = effects_of(text, script=True)
         nodes = list(ast.walk(statement))
         loud = any(isinstance(node, ast.Raise | ast.Assert) for node in nodes) or not all(
             _has_no_effect(node) for node in nodes if isinstance(node, ast.Call)
         )
-        statements.append((statement, loud, (alone.reads, alone.writes)))
+        names = {node.id for node in nodes if isinstance(node, ast.Name)} - effects.sets
+        closed = not effects.reads and names <= COMPUTING | {"math"} and is_computable(text, frozenset())
+        alone = closed and _may_raise(statement)
+        statements.append(_Statement(statement, loud, alone, (effects.reads, effects.writes)))
     return statements
 
 
