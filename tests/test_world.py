@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -413,3 +414,17 @@ def test_a_world_that_goes_on_measures_nothing_twice() -> None:
     assert (g.world.summary(), len(heard)) == before
     g.run(1.05)
     assert len(heard) == before[1] + 1
+
+
+@pytest.mark.parametrize(
+    ("number", "limits", "text"),
+    [
+        (1e12, {"above": 0}, "a number above 0 and at most 1e+09, got 1000000000000.0"),
+        (1e12, {"minimum": 0, "maximum": 1e15}, "a number from 0 to 1e+09, got 1000000000000.0"),
+        (-(10**20), {"minimum": 0}, "a number from 0 to 1e+09, got a smaller whole number"),
+        (12345678.5, {"maximum": 12345678}, "a number of at most 12345678, got 12345678.5"),
+    ],
+)
+def test_a_refused_number_is_told_the_limits_that_hold(number: float, limits: dict[str, float], text: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(f"expected {text}") + "$"):
+        ConfigValue(number).number(**limits)

@@ -84,7 +84,7 @@ class ConfigValue:
         if self.data is None:
             return "nothing" if self.path else "an empty file"
         if isinstance(self.data, int) and abs(self.data) > 1e18:
-            return "a larger whole number"
+            return f"a {'larger' if self.data > 0 else 'smaller'} whole number"
         shown = _REPR.repr(self.data)
         return shown if len(shown) < 60 else shown[:57] + "..."
 
@@ -125,8 +125,9 @@ class ConfigValue:
         if not -math.inf < data < math.inf:
             raise self.expected(what.replace("number", "finite number"))
         if abs(data) > _LARGEST:
-            least, most = -_LARGEST if minimum is None else minimum, _LARGEST if maximum is None else maximum
-            raise self.expected(f"a number{_limits(None, least, most)}")
+            least = -_LARGEST if above is None and minimum is None else minimum
+            most = _LARGEST if maximum is None else min(maximum, _LARGEST)
+            raise self.expected(f"a number{_limits(above, least, most)}")
         if above == 0 and 0 < data < _LEAST:
             raise self.expected(f"a number of at least {_LEAST:g}")
         low = (above is not None and data <= above) or (minimum is not None and data < minimum)
@@ -186,11 +187,18 @@ def _limits(above: float | None, minimum: float | None, maximum: float | None) -
     (' above 0', ' from 1 to 5', ' above 0 and at most 2', '')
     """
     if minimum is not None and maximum is not None:
-        return f" from {minimum:g} to {maximum:g}"
+        return f" from {_shortest(minimum)} to {_shortest(maximum)}"
     limits = {"above": above, "of at least": minimum, "at most" if above is not None else "of at most": maximum}
     return "".join(
-        f"{' and' if word == 'at most' else ''} {word} {limit:g}" for word, limit in limits.items() if limit is not None
+        f"{' and' if word == 'at most' else ''} {word} {_shortest(limit)}"
+        for word, limit in limits.items()
+        if limit is not None
     )
+
+
+def _shortest(number: float) -> str:
+    """A number with six digits, or twelve if it has more; the largest one below 1 is 1."""
+    return text if math.isclose(float(text := f"{number:g}"), number) else f"{number:.12g}"
 
 
 # ---- dataclasses of parameters ---------------------------------------------------------------------------------------
