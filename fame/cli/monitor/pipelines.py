@@ -358,7 +358,7 @@ def store_trained(arguments: Namespace, training: Training, file: str, files: Se
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(files))
     else:
         for output in filter(None, (path, arguments.onnx)):
-            writable(output, file, *files)
+            writable(output, *files)  # a model that is trained again takes its own place
         model = _store(_trained_model(arguments, training, file, path, complete), files, path)
     if arguments.onnx is not None:
         runs = [run.samples for run in read_labelled_runs(training.files, model.columns, training.special)]
