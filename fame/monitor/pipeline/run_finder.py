@@ -55,7 +55,8 @@ class RunFinder:
         self._mean, self._scale = trained.mean[self._channels], trained.scale[self._channels]
         self._apart, self._begins = apart, conditions.get("begins")
         self._least, self._most = conditions.get("seconds", (0.0, np.inf))
-        within = conditions.get("settings", {}).get("start_within", WITHIN)
+        settings = conditions.get("settings", {})  # those of a model from before `StartWithin` lack it: it knows no lag
+        within = settings.get("start_within", 0.0 if settings else WITHIN)
         self._spread: float = conditions.get("spread", 0.0)
         self._lag = Lag(self._phases, within, self._spread)
         self.latest: float = within + self._spread
