@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from recorded_runs import record
 
+from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import Recording
 from fame.log.channels import CHANNELS, EVENTS, GROUND, KEY, WORLD
@@ -189,6 +190,12 @@ def test_an_address_that_cannot_be_opened_is_said_in_one_line(server: Any) -> No
     assert server.address == f"ws://127.0.0.1:{port}"
     with pytest.raises(ConfigError, match=rf"^Foxglove cannot be served at 127.0.0.1:{port}: .+$"):
         FoxgloveServer(port=port)
+
+
+@pytest.mark.parametrize("words", [["--port", "9000"], ["--control"]])
+def test_what_is_for_the_page_is_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", "--foxglove", "8765", *words]) == 2
+    assert "is for the page" in capsys.readouterr().err
 
 
 @pytest.mark.processes

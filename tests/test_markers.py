@@ -8,6 +8,7 @@ import pytest
 from bpmn_text import document, properties
 from deployment_field import Field
 
+from fame.cli import main
 from fame.deploy.markers import ARROW, LINE_STRIP, TEXT, TYPE
 from fame.middleware.actions import ActionServer
 
@@ -92,3 +93,9 @@ def test_a_polygon_of_a_variable_is_a_zone_and_what_only_looks_like_one_is_left_
     assert [(point.x, point.y) for point in line.points] == [(0, 0), (4, 0), (4, 3), (0, 0)]
     ids = [one.id for one in robot.heard[-1].markers]
     assert len(ids) == len(set(ids))
+
+
+@pytest.mark.parametrize("frame", ["", "a b", "/REX/base_link", "ü", "<b>"])
+def test_what_tf2_takes_for_no_frame_is_refused(frame: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["engine", "REX", "--markers", frame]) == 2
+    assert "expected a frame such as NAME/base_link, got" in capsys.readouterr().err

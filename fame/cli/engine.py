@@ -111,7 +111,7 @@ def _add_storage(parser: ArgumentParser) -> None:
         help="publish the state of the mission on /diagnostics (diagnostic_msgs), once a second",
     )  # fmt: skip
     parser.add_argument(
-        "--markers", default="", metavar="FRAME",
+        "--markers", type=_frame, metavar="FRAME",
         help="publish the mission for RViz on /mission_markers, once a second: the state at the robot's FRAME (such as "
         "NAME/base_link), goals, zones",
     )  # fmt: skip
@@ -133,6 +133,13 @@ def _name(text: str) -> str:
     """The name of a robot, which is a namespace of ROS."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text):
         raise ArgumentTypeError(f"expected ASCII letters, digits and _, a letter first, got {text!r}")
+    return text
+
+
+def _frame(text: str) -> str:
+    """A frame of tf2: without spaces, and without a slash in front. Raises ArgumentTypeError."""
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_./-]*", text):
+        raise ArgumentTypeError(f"expected a frame such as NAME/base_link, got {text!r}")
     return text
 
 
@@ -243,7 +250,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
             seed=arguments.seed,
             hold_errors=arguments.on_error == "hold",
             diagnostics=arguments.diagnostics,
-            markers=arguments.markers.replace("NAME", arguments.name),
+            markers=(arguments.markers or "").replace("NAME", arguments.name),
             on_status=metrics,
             lifecycle=arguments.lifecycle,
         )

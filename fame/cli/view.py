@@ -101,7 +101,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--foxglove", type=PORT, metavar="PORT",
         help="team: instead of the page, serve Foxglove at ws://ADDRESS:PORT (0: any free port): world, events, waits, "
-        "variables, the robots' topics",
+        "variables, the robots' topics, to whoever reaches that address: Foxglove knows no token",
     )  # fmt: skip
     parser.add_argument(
         "--change", type=Path, metavar="MODEL.bpmn",
@@ -284,6 +284,8 @@ def _foxglove(arguments: Namespace, judging: RecordingJudge | None) -> int:
 
     if arguments.control or vars(arguments)["as"]:
         raise ConfigError("--foxglove only shows the team: --control is for the page")
+    if arguments.port:
+        raise ConfigError("--foxglove has a port of its own: --port is for the page")
     options = TeamRecorderOptions(robots=frozenset(arguments.robot), topics="all", models=False)
     with load(FOXGLOVE)(arguments.host, arguments.foxglove, arguments.tls) as server:
 
