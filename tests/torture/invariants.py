@@ -435,6 +435,16 @@ def _unreported(team: Team, robot: str, counts: list[int]) -> Iterator[str]:
         yield f"{robot} has lost {missing} acknowledged counts, {team.expired[robot]} were reported: {counts}"
 
 
+def _by_successor(team: Team, process: str, request: str) -> bool:
+    """Whether the engine that did what was asked for ended, and the next one refused it, as it is done already.
+
+    Answers are not stored: the next engine does not know that it was done, which is open. One that has no process yet
+    must not answer at all.
+    """
+    said = [one for one in team.said if one.deployment == request and one.process != process]
+    return any(one.answer == "refused" and "no process yet" not in one.reason for one in said)
+
+
 def repairs(team: Team) -> Iterator[str]:
     """What a person asks for is done once, however often it is asked: an engine gives one answer to each request.
 
@@ -447,7 +457,7 @@ def repairs(team: Team) -> Iterator[str]:
     for (process, request), found in answers.items():
         if len(found) > 1:
             yield f"{process} has answered {', '.join(sorted(found))} to {request}"
-        if found != {"refused"} and team.told.get(request) == "refused":
+        if found != {"refused"} and team.told.get(request) == "refused" and not _by_successor(team, process, request):
             yield f"{process} has answered {', '.join(sorted(found))} to {request}, of which its person knows a refusal"
 
 
