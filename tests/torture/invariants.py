@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from base64 import b64decode
 from bisect import bisect
 from collections import Counter
@@ -167,7 +168,11 @@ def heard(team: Team) -> Iterator[str]:
 
 
 def acknowledged(team: Team) -> Iterator[str]:
-    """What a robot has acknowledged, its mission has taken, or keeps in a queue."""
+    """What a robot has acknowledged, its mission has taken, or keeps in a queue.
+
+    An instance that a signal starts gets nothing of before: its queues are opened with it.
+    """
+    assert team.plan.mission is not None
     for name, instance in _instances(team):
         robot = team.robots[name]
         if robot.spoilt or robot.witness.changed or not robot.durable or instance.status != "running":
@@ -185,7 +190,9 @@ def acknowledged(team: Team) -> Iterator[str]:
             types = [one for one in signals if one.get("number", 1 << 60) <= until.get(one["life"], 0)]
             told = {deserialize(b64decode(one["data"]), "std_msgs/msg/Int32").data for one in types}
             has = {*instance.variables.get("kept", {}).get(other, ()), *(getattr(one, "data", 0) for one in kept)}
-            if lost := {one for one in told if one // 1000 == instance.variables.get("version")} - has:
+            told = {one for one in told if one // 1000 == instance.variables.get("version")}
+            first = min(told & has, default=math.inf) if is_started(team.plan.mission, name) else 0
+            if lost := {one for one in told - has if one > first}:
                 yield f"{name} has acknowledged {sorted(lost)} of {other}, and does not have them"
 
 
