@@ -109,9 +109,11 @@ def _concluded(team: Team, found: list[str]) -> list[str]:
 
 def finish(team: Team) -> bool:
     """People do what the robots need, until all missions have ended or wait for something else: whether they do."""
-    idle = 0
+    idle, visited = 0, 0
+    patience = 4 + 4 * max(robot.machine.slowest for robot in team.robots.values())  # what is sent is written before
     for _ in range(120):
-        idle += 1
+        before, visited = visited, sum(sum(instance.visits.values()) for _, instance in _instances(team))
+        idle = idle + 1 if visited == before else 1
         for robot in team.robots.values():
             node = robot.engine.running if robot.engine is not None else None
             if node is None or (robot.engine is not None and robot.engine.state in ("holding", "ready")):
@@ -127,7 +129,7 @@ def finish(team: Team) -> bool:
             elif node.engine.waits:  # a timer or script goes on
                 idle = min(idle, 1)
         team.pass_time(1)
-        if idle > 4:
+        if idle > patience:
             return True
     return False
 
@@ -286,6 +288,8 @@ def unlike_reference(team: Team) -> Iterator[str]:
         return
     if any(robot.engine is None or robot.engine.state == "holding" for robot in robots):
         return  # others wait for it
+    if len({said.deployment for said in team.said if said.answer == "started"}) > 1 and _hears_anybody(team):
+        return  # also those of the mission before, while it waited for its start
     team.struck["missions compared with a reference"] += 1
     should, wrong = reference(team.text(first))
     yield from wrong
@@ -294,6 +298,13 @@ def unlike_reference(team: Team) -> Iterator[str]:
         if robot.engine.running is not None:
             for text in differences(should[robot.name], outcome_of(robot.engine.running)):
                 yield f"{robot.name} is not what it is without faults: {text}"
+
+
+def _hears_anybody(team: Team) -> bool:
+    """Whether a robot catches what robots have thrown, and no robot of its mission does: nothing tells whose it is."""
+    nodes = [robot.engine.running for robot in team.robots.values() if robot.engine is not None]
+    uses = [use for node in nodes if node is not None for use in node.mission.types.values()]
+    return any(use.catches and not (use.throws or use.ttl) and team.fabric.published.get(use.name) for use in uses)
 
 
 def half_applied(team: Team) -> Iterator[str]:
