@@ -404,3 +404,19 @@ def test_a_run_stays_as_it_was_if_one_token_cannot_go_over(tmp_path: Path) -> No
         assert (run.nodes, len(run.middleware.nodes)) == (nodes, ends)
         run.scheduler.run(5 * SECOND)
         assert [list(node.engine.instances[1].waiting) for node in run.nodes] == [["Au"], ["Bu"]]
+
+
+def test_a_run_goes_on_as_it_was_if_a_state_cannot_be_transferred(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(new: Any, old: Any, *rest: Any) -> Any:
+        raise MissionError("cannot be transferred")
+
+    with two_tractors(tmp_path) as run:
+        monkeypatch.setattr("fame.scenario.migrating.migrate_robot", refused)
+        nodes, ends = list(run.nodes), len(run.middleware.nodes)
+        with pytest.raises(MissionError, match="cannot be transferred"):
+            migrate_run(run, Scenario.load(tmp_path / "day.yaml"))
+        assert (run.nodes, len(run.middleware.nodes)) == (nodes, ends)
+        run.scheduler.run(5 * SECOND)
+        assert [list(node.engine.instances[1].waiting) for node in run.nodes] == [["Au"], ["Bu"]]

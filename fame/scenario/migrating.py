@@ -39,9 +39,9 @@ def migrate_run(run: Run, plan: Plan, switched: Callable[[], object] = lambda: N
         if not any(one.blocked for one in found.values()):
             _hold(run, old.values())
             found = _foreseen(made, old)  # time may have passed, in which tokens have moved
-        taken = not any(one.blocked for one in found.values())
-        if taken:
+        if not any(one.blocked for one in found.values()):
             go_on = _take_over(run, plan, made, old)
+            taken = True
             switched()
             for act in go_on:
                 act()
