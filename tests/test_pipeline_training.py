@@ -145,6 +145,7 @@ def test_foreign_and_damaged_files_are_refused_with_the_reason(model: TrainedMod
     skops.io.dump({"format": "fame-autoencoder-1", "run": print}, tmp_path / "code.skops")
     assert "contains code or unknown classes" in refusal(tmp_path / "code.skops")
     assert "there is no such file" in refusal(tmp_path / "none.skops")
+    assert "expected a file of" in refusal(tmp_path)
     replace(model, thresholds=(1.0,)).save(tmp_path / "torn.skops")
     assert "is damaged" in refusal(tmp_path / "torn.skops")
     (tmp_path / "text.onnx").write_text("hello")

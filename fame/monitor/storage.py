@@ -87,6 +87,8 @@ def _source(file: Path | io.BytesIO) -> dict[str, Any]:
 def read_artefact(path: Path, maker: str) -> Any:
     """Read what `write_artefact` stored, by the command `maker`. Raises ConfigError if it is not there, corrupt, or
     holds anything that could run."""
+    if path.is_dir():
+        raise ConfigError(f"expected a file of {maker}, got a folder", file=str(path))
     if not path.is_file():
         raise ConfigError(f"there is no such file{similar_file(path)}", file=str(path))
     if _is_pickle(path):
