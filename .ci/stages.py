@@ -93,11 +93,11 @@ def main(names: list[str]) -> int:
     return int(any(outcome.outcome == "FAILED" for outcome in outcomes))
 
 
-# ---- one stage, or several beside each other -------------------------------------------------------------------------
+# ---- one stage, or several at the same time --------------------------------------------------------------------------
 
 
 def together(names: Sequence[str]) -> list[Outcome]:
-    """Run stages beside each other; the output of the second and later ones is printed when all have ended."""
+    """Run stages at the same time; the output of all but the first is printed when all have ended."""
     if len(names) == 1:
         return [run(names[0])]
     with ThreadPoolExecutor() as pool, tempfile.TemporaryDirectory() as folder:

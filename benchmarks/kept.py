@@ -64,7 +64,7 @@ Times = dict[str, float]
 
 
 def last_release() -> str:
-    """The tag of the last release before HEAD; empty if there is none."""
+    """The tag of the last release before HEAD, or an empty text."""
     command = ["git", "describe", "--tags", "--abbrev=0", "--match", "v*", "HEAD^"]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
 

@@ -126,7 +126,7 @@ class ModelEdit(ModelWatch):
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def file(self, path: str) -> bytes | None:
-        """Return a file of the page or of the library that draws; None if there is none."""
+        """Return a file of the page or of bpmn-js, or None."""
         home, name = (self._modeler, path.removeprefix("modeler/")) if path.startswith("modeler/") else (_PAGE, path)
         found = home.joinpath(*name.split("/")) if ".." not in name.split("/") else None
         return found.read_bytes() if found is not None and found.is_file() else None

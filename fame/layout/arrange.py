@@ -240,7 +240,7 @@ def _across(row: Sequence[LayoutBox]) -> float:
 
 
 def _row(row: Sequence[LayoutBox]) -> Area:
-    """Boxes beside each other: sub-processes with one upper border, others around one line."""
+    """Boxes in a row: sub-processes aligned at the top, others centred."""
     left, up = 0.0, max(box.reach[1] for box in row)
     for box in row:
         put(box, left + box.reach[0], box.reach[1] if box.expanded else up)

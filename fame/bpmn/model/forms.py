@@ -51,7 +51,7 @@ def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
 
 
 def _given(values: Mapping[str, Any], key: str) -> list[Any]:
-    """The value with a key, or with dots a part of one; empty if there is none."""
+    """The value of `key`, where dots lead to a part of a value, as a list of one; empty without such a value."""
     if key in values:
         return [values[key]]
     first, _, rest = key.partition(".")

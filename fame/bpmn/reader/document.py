@@ -176,7 +176,7 @@ def _process(context: Context, element: Node) -> Process:
 
 
 def _choice(context: Context, element: Node, extensions: Extensions, name: str, *choices: str) -> str | None:
-    """The value of a property, None without it; one that is none of the choices is a fault."""
+    """The value of a property, or None. Anything but the choices is a fault."""
     given = extensions.take(name)
     if given is None:
         return None

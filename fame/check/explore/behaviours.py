@@ -2,7 +2,8 @@
 
 A step ends at some time, later than all that others do in the same instant, and nobody outside notices its inside. So
 what is called is no step if it touches a topic of the team, throws an escalation, may wait for what never comes (other
-branches at a join, a condition), or may end or fail without having waited. In doubt it is none, which costs states.
+branches at a join, a condition), or may end or fail without having waited. Where that is not certain it is explored
+whole, which costs states.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 An exploration tries each code by itself, so only codes that make a difference are tried by name: those that an error
 event of the team catches, or a property names. One further code stands for all others. Where an error event of any code
-is at the activity or around it, a failure is an ordinary outcome. Where there is none it is *unhandled*: reported, but
-explored only where single faults are, and to judge properties.
+is at the activity or around it, a failure is an ordinary outcome. Otherwise it is *unhandled*: reported, but explored
+only with single faults, and to judge properties.
 """
 
 from __future__ import annotations

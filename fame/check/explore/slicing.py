@@ -76,7 +76,7 @@ def sliced(script: Expression, needed: Set[str]) -> Expression:
 
 
 def skipped(script: Expression, needed: Set[str]) -> str:
-    """Return the first statement that `sliced` leaves out although it may raise; empty if there is none."""
+    """Return the first statement that `sliced` leaves out although it may raise, or an empty text."""
     left_out = (one.tree for one in _statements(script) or () if not one.decides(needed))
     return next((ast.unparse(tree) for tree in left_out if _may_raise(tree)), "")
 

@@ -36,7 +36,7 @@ class Team:
     model     their processes as they are explored
     locals    the transitions of each robot; robots that nothing tells apart share them
     alike     kind -> whether nothing in their processes tells its robots apart
-    monitors  of the properties that are judged or watched, None if there are none
+    monitors  of the properties that are judged or watched, or None
     given     place of a robot -> the state from which it goes on
     received  (process, topic) of what robots have received in any search so far
     """
