@@ -127,9 +127,15 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     for name in ("PIP_CONSTRAINT", "PYTHON", "STAGES"):
         monkeypatch.setenv(name, "")  # and as it was, after the test
     monkeypatch.chdir(STAGE.parent)
-    programs = {"good": ["true"], "bad": ["false"], "missing": ["/no/such/program"], "endless": ["sleep", "60"]}
+    programs = {"good": ["true"], "bad": ["false"], "missing": ["/no/such/program"]}
     own = {name: names["Stage"](lambda words=words: words) for name, words in programs.items()}
-    names["main"].__globals__.update(STAGES=own, LONGEST=0.01)
+    scope = names["main"].__globals__
+
+    def endless() -> list[str]:
+        scope["LONGEST"] = 0.01  # of this one alone: on a busy machine a program that does nothing takes longer
+        return ["sleep", "60"]
+
+    scope["STAGES"] = {**own, "endless": names["Stage"](endless)}
     return names
 
 
