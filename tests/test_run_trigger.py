@@ -102,6 +102,17 @@ def test_a_table_is_cut_into_runs_by_its_column(folder: Path, capsys: pytest.Cap
     assert found == ["benign", "benign", "anomalous", "benign", "benign"]
 
 
+@pytest.mark.parametrize(("first", "said"), [(0, False), (20, True)])
+def test_a_run_that_is_under_way_when_a_file_begins_is_said(
+    folder: Path, capsys: pytest.CaptureFixture[str], first: int, said: bool
+):
+    stamps, values, busy = day(3, 2)
+    begin = int(np.flatnonzero(busy)[0]) + first if first else 0
+    file = write(folder / "cut.csv", stamps[begin:], values[begin:], busy[begin:])
+    main(["monitor", "judge", str(folder / "model.skops"), str(file)])
+    assert ("a run was under way when the file began" in capsys.readouterr().out) == said
+
+
 def test_the_card_says_that_a_trigger_begins_a_run(folder: Path, capsys: pytest.CaptureFixture[str]):
     main(["monitor", "model", "show", str(folder / "model.skops")])
     assert "a trigger: a run begins when trigger becomes == 1, and ends when it becomes == 0" in capsys.readouterr().out

@@ -28,7 +28,7 @@ from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.join import Join, joined_table
 from fame.monitor.pipeline.processor import ActiveElements, Samples
-from fame.monitor.pipeline.run_trigger import RunTrigger, require_runs, spans_of
+from fame.monitor.pipeline.run_trigger import RunTrigger, begins_within, require_runs, spans_of
 from fame.monitor.tables import RUN, STAMP, Table, read_blocks, read_parquet, read_table
 from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
 from fame.text import open_file
@@ -276,6 +276,7 @@ def _runs_of(
         every, signal = len(values), cells[:, names.index(special.trigger.column)]
         parts = _triggered(special.trigger, stamps, signal, parts, path, undisturbed)
         outside = f"{every - sum(map(len, parts))} of {every} rows lie outside of every run: not judged"
+        outside += "; a run was under way when the file began" if begins_within(special.trigger, signal) else ""
     for rows in parts:
         if special.join is not None:
             names_of = [elements[row] for row in rows] if elements else []

@@ -118,6 +118,12 @@ def spans_of(trigger: RunTrigger, stamps: Floats, values: Floats) -> list[tuple[
     return found + tracker.spans
 
 
+def begins_within(trigger: RunTrigger, values: Floats) -> bool:
+    """Return whether a run may be under way with the first value of a file, of which the begin is not known."""
+    first = values[np.isfinite(values)][:1].tolist()
+    return any(_holds(trigger.starts, value) for value in first)
+
+
 def require_runs(trigger: RunTrigger, values: Floats, spans: Sequence[object], file: str) -> None:
     """Raise ConfigError if no run begins in a file."""
     if spans:
