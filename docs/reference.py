@@ -28,7 +28,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration, run_trigger
 from fame.monitor.pipeline.training_settings import Training
-from fame.rooms import COMMANDS, PROCESSORS, ROOMS, load
+from fame.rooms import COMMANDS, PROCESSORS, ROOMS, load, room_of
 from fame.scenario import plan, variation
 from fame.scenario.settings import NETWORK_KEYS
 from fame.scripting.feel.functions.collections import COLLECTIONS, CONTEXTS
@@ -269,7 +269,20 @@ def refusals() -> Iterator[str]:
 
 
 def rooms() -> Iterator[str]:
-    """The rooms around the core."""
+    """The rooms around the core: what they import of each other, their lines to two digits, and what they are."""
+    layers = tested("test_layers")
+    lines, arrows = dict.fromkeys(("", *ROOMS), 0), {name: set[str]() for name in ROOMS}
+    for module, path in layers.MODULES.items():
+        lines[room_of(module)] += path.read_text("utf-8").count("\n")
+    for item in layers.imports():
+        source, target = room_of(item.source), room_of(item.target)
+        if target not in ("", source):
+            arrows[source].add(target)
+    yield from ("```mermaid", "flowchart LR")
+    for name, number in lines.items():
+        others = f" --> {' & '.join(sorted(arrows[name]))}" if arrows.get(name) else ""
+        yield f'  {name or "core"}["{name or "core"} · {round(number, 2 - len(str(number))):,}"]{others}'
+    yield from (f"  {' & '.join(ROOMS)} ==> core", "```", "")
     yield from ("| room | modules | for | extra |", "| --- | --- | --- | --- |")
     for name, room in ROOMS.items():
         modules = ", ".join(f"`{module}`" for module in room.modules)

@@ -25,6 +25,13 @@ class Room(NamedTuple):
 
 ROOMS: Mapping[str, Room] = {
     "view": Room(("fame.view", "fame.cli.view"), "the page that shows a mission", "view"),
+    "draw": Room(
+        (
+            *("fame.bpmn.draw", "fame.scenario.films", "fame.scenario.film_diagram"),
+            *("sim2d.animation", "sim2d.canvas", "sim2d.record", "fame.cli.draw"),
+        ),
+        "models, runs and worlds as pictures and films",
+    ),
     "foxglove": Room(("fame.log.foxglove",), "a team live in Foxglove", "foxglove"),
     "edit": Room(("fame.edit", "fame.cli.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
@@ -167,7 +174,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "test": "fame.cli.testing:add",
         "check": "fame.cli.check:add",
         "campaign": "fame.cli.campaign:add",
-        "draw": "fame.cli.models:add_draw",
+        "draw": "fame.cli.draw:add",
         "view": "fame.cli.view:add",
     },
     "team": {
@@ -252,7 +259,10 @@ MIDDLEWARES: Mapping[str, str] = {
 # ---- what else the core uses of rooms --------------------------------------------------------------------------------
 
 ADD_DIAGRAM = "fame.layout:add_diagram"
+CHECK_DRAWINGS = "fame.cli.draw:check_drawings"
 DDS_TYPE = "fame.middleware.dds.wire:declared"
+DRAW = "fame.bpmn.draw.diagram:draw"
+DRAW_RUN = "fame.cli.draw:draw_run"
 EXPLORE_FOUND = "fame.scenario.explore.exploration:explore_found"
 EXPLORE_MIGRATED = "fame.scenario.explore.exploration:explore_migrated"
 EXPLORE_OBJECTION = "fame.scenario.explore.exploration:objection"

@@ -29,11 +29,12 @@ FILES = {
     "p.properties.yaml": "properties: {ends: P completes}",
     "test_m.py": "def test_m(mission): pass",
 }  # fmt: skip
-CORE = ("check m.bpmn", "run m.bpmn --log m.mcap", "split m.bpmn -o parts", f"draw {ROOT}/models/convoy.bpmn -o m.svg",
+CORE = ("check m.bpmn", "run m.bpmn --log m.mcap", "split m.bpmn -o parts",
         "log convert m.mcap -o m.xes", "convert m.bpmn -o c.bpmn", "--help")  # fmt: skip
 """Command lines that need no room."""
 OF_ROOMS = {
     "dds": ("engine REX", "deploy m.bpmn", "status"),
+    "draw": (f"draw {ROOT}/models/convoy.bpmn -o m.svg", "run m.bpmn --picture m.png"),
     "edit": ("diff m.bpmn m.bpmn", "edit --fetch"),
     "explore": ("check --explore m.bpmn",),
     "feel": ("check el.bpmn", "run el.bpmn"),

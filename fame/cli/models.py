@@ -1,10 +1,9 @@
-"""Commands on model files: ``fame split``, ``convert``, ``layout``, ``draw``, ``library`` and ``templates``."""
+"""Commands on model files: ``fame split``, ``convert``, ``layout``, ``library`` and ``templates``."""
 
 from __future__ import annotations
 
 import re
 import shutil
-import sys
 import textwrap
 from argparse import Namespace
 from collections.abc import Iterator, Mapping
@@ -12,8 +11,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, add_json, add_library, add_show, command
-from fame.cli.output import note, print_json, progress_line
+from fame.cli.arguments import Commands, add_json, add_library, command
+from fame.cli.output import print_json
 from fame.errors import ConfigError, ModelError, UnavailableError
 from fame.text import write_file
 
@@ -147,102 +146,6 @@ def _write_model(arguments: Namespace, source: bytes, *, changed: bool) -> int:
     else:
         print(arguments.output)
     return 0
-
-
-_DRAW_EXAMPLES = (
-    "fame draw models/ground_vehicles.bpmn -o out/mission.svg",
-    "fame draw models/ground_vehicles.bpmn -o out/path.svg --log out/run.mcap --robot REX",
-    "fame draw out/run.mcap -o out/run.gif",
-    "fame draw out/run.mcap -o out/run.webp --show diagram",
-)
-
-
-def add_draw(commands: Commands) -> None:
-    parser = command(commands, "draw", run_draw, examples=_DRAW_EXAMPLES)
-    parser.add_argument(
-        "model", type=Path, nargs="?", metavar="MODEL.bpmn|RUN.mcap", help="what an .svg shows, or a film"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", required=True,
-        help="file to write: .svg of the model; of a recording a film, .gif, .webp or .mp4 (with ffmpeg), or .png of "
-        "its simulated world at the end",
-    )  # fmt: skip
-    add_show(parser)
-    parser.add_argument(
-        "--log",
-        type=Path,
-        metavar="FILE",
-        help="recording (.mcap) or log (.jsonl, .csv) of a run",
-    )
-    parser.add_argument(
-        "--robot",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="with --log: the path of this robot only; repeatable",
-    )
-    add_json(parser)
-
-
-def run_draw(arguments: Namespace) -> int:
-    """Write the drawing and name it."""
-    from fame.scenario.films import FILMS, PICTURE
-
-    output, kinds = arguments.output, (".svg", *FILMS, PICTURE)
-    if output.suffix.lower() not in kinds:
-        text = f"expected a file with the ending {' or '.join(kinds)}, got {output.suffix!r}"
-        raise ConfigError(text, file=str(output))
-    if output.suffix.lower() == ".svg":
-        _draw_model(arguments)
-    else:
-        _draw_recording(arguments)
-    if arguments.json:
-        print_json({"status": "completed", "file": str(output)})
-    else:
-        print(output)
-    return 0
-
-
-def _draw_recording(arguments: Namespace) -> None:
-    """Draw the film or picture of a recording, which `--log` may name, too."""
-    from fame.log.reading import damage
-    from fame.scenario.films import draw_film
-
-    named = [path for path in (arguments.model, arguments.log) if path is not None]
-    if len(named) != 1 or arguments.robot or named[0].suffix.lower() != ".mcap":
-        text = "is made of a recording: expected RUN.mcap, without a model and --robot; a model is drawn as .svg"
-        raise ConfigError(text, file=str(arguments.output))
-    with progress_line(sys.stderr, wanted=not arguments.json) as line:
-        progress = line.count_frames if line is not None else None
-        draw_film(named[0], arguments.output, show=arguments.show, progress=progress)
-    for warning in damage(named[0]):
-        note(f"fame: {warning}")
-
-
-def _draw_model(arguments: Namespace) -> None:
-    from fame.bpmn.draw.diagram import draw
-    from fame.bpmn.reader import read
-
-    if arguments.model is None:
-        raise ConfigError("expected a model to draw: fame draw MODEL.bpmn", file=str(arguments.output))
-    if arguments.model.suffix.lower() == ".mcap":
-        text = "expected a model, got a recording: fame draw MODEL.bpmn --log RUN.mcap draws its path in the model"
-        raise ConfigError(text, file=str(arguments.model))
-    output, definitions = arguments.output, read(arguments.model)
-    if arguments.log is not None:
-        from fame.log.reading import damage, run_outcomes
-
-        run = run_outcomes(arguments.log, definitions, robots=arguments.robot)
-        notes = run.notes(definitions)
-        for warning in damage(arguments.log):
-            note(f"fame: {warning}")
-            notes.append("the recording is incomplete: how the run went on is not known")
-        drawing = draw(definitions, run.tallies, notes=notes)
-    elif arguments.robot:
-        raise ConfigError("--robot needs --log")
-    else:
-        drawing = draw(definitions)
-    write_file(output, drawing)
 
 
 _WORDS = {"subscribe": "subscribes", "publish": "publishes", "call": "service"}

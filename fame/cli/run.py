@@ -27,10 +27,9 @@ from fame.cli.arguments import (
 from fame.cli.output import coloured, live_table, note, print_json, progress_line, table, table_within
 from fame.cli.scenarios import add_variations, scenario_of
 from fame.errors import ConfigError
-from fame.rooms import JUDGE_LOG, TEAM_VOCABULARY, VIEW_OPTIONS, VIEW_RUN, VIEW_WAIT, load
+from fame.rooms import CHECK_DRAWINGS, DRAW_RUN, JUDGE_LOG, TEAM_VOCABULARY, VIEW_OPTIONS, VIEW_RUN, VIEW_WAIT, load
 
 if TYPE_CHECKING:
-    from fame.cli.output import ProgressLine
     from fame.log import About
     from fame.properties import Judgement
     from fame.robot.events import Observer
@@ -144,7 +143,7 @@ def run(arguments: Namespace) -> int:
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
     _check_options(arguments)
-    _check_drawings(arguments, scenario)
+    _check_packages(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with (
         _log_files(arguments) as logs,
@@ -163,7 +162,8 @@ def run(arguments: Namespace) -> int:
             )
             if page is not None:
                 page.end(result.status)
-        _draw(arguments, logs, line)
+        if _drawings(arguments):
+            load(DRAW_RUN)(arguments, logs, line)
         if page is not None:
             code = _print_result(arguments, result)
             load(VIEW_WAIT)()
@@ -226,7 +226,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     for option in wanted:
         if getattr(arguments, option):
             raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
-    _check_drawings(arguments, scenario)
+    _check_packages(arguments, scenario)
     if arguments.lockstep and (scenario.completions or scenario.signals):
         note("fame: the world waits for the engines only: complete and signal come in a step that differs between runs")
     if arguments.state is not None:
@@ -256,7 +256,8 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             judge = partial(_judgements, arguments, scenario)
             result = replace(result, judgements=tuple(logs.finish(judge)))
         with progress_line(sys.stderr, wanted=not quiet) as line:
-            _draw(arguments, files, line)
+            if _drawings(arguments):
+                load(DRAW_RUN)(arguments, files, line)
     return _print_result(arguments, result, reports=False)
 
 
@@ -333,43 +334,18 @@ def _about(arguments: Namespace, scenario: Scenario) -> About:
     return About(metadata=metadata, attachments=attachments)
 
 
-# ---- drawings --------------------------------------------------------------------------------------------------------
-
-
 def _drawings(arguments: Namespace) -> list[Path]:
     return [path for path in (arguments.picture, arguments.animate) if path is not None]
 
 
-def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
-    """Complain about drawings, and packages that are missing for them or the world, before anything is written."""
+def _check_packages(arguments: Namespace, scenario: Scenario) -> None:
+    """Complain about what is missing for the world or drawings, before anything is written."""
     from fame.imports import require
 
     if scenario.world is not None:
         require("pymunk")
-    if not _drawings(arguments):
-        return
-    from fame.bpmn.draw.diagram import is_drawable
-    from fame.scenario.films import FILMS, PICTURE, check_film
-
-    for path, endings in ((arguments.picture, (PICTURE,)), (arguments.animate, FILMS)):
-        if path is not None:
-            check_film(path, endings, arguments.show)
-            if path == arguments.animate and arguments.show != "world" and is_drawable(scenario.definitions):
-                continue  # a film of the diagram
-            if scenario.world is None:
-                raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
-
-
-def _draw(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None) -> None:
-    """Make the wanted drawings of the recording among the logs."""
-    recordings = [path for path in logs if path.suffix.lower() == ".mcap" and path.exists()][:1]
-    title = arguments.scenario.stem.replace("_", " ").capitalize()
-    if drawings := _drawings(arguments):
-        from fame.scenario.films import draw_film
-
-        for recording in recordings:
-            progress = line.count_frames if line is not None else None
-            draw_film(recording, *drawings, title=title, show=arguments.show, progress=progress)
+    if _drawings(arguments):
+        load(CHECK_DRAWINGS)(arguments, scenario)
 
 
 # ---- text ------------------------------------------------------------------------------------------------------------

@@ -12,8 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from fame.bpmn.draw.style import ElementOutcome
-from fame.bpmn.model import Definitions
+from fame.bpmn.model import Definitions, ElementOutcome
 from fame.clock import SECOND
 from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, display_name

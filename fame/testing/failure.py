@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.bpmn.draw.style import ElementOutcome
+from fame.bpmn.model import ElementOutcome
 from fame.clock import SECOND
 from fame.errors import FameError
 from fame.log.reading import tally

@@ -16,7 +16,6 @@ from fame.bpmn.draw.style import (
     INK,
     OUTCOMES,
     SMALL,
-    ElementOutcome,
     Ink,
     Picture,
     Tally,
@@ -42,7 +41,18 @@ from fame.bpmn.draw.svg import (
     text_width,
     translated,
 )
-from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, FlowNode, SequenceFlow, Shape, SubProcess
+from fame.bpmn.model import (
+    Activity,
+    Bounds,
+    Definitions,
+    Edge,
+    Element,
+    ElementOutcome,
+    FlowNode,
+    SequenceFlow,
+    Shape,
+    SubProcess,
+)
 from fame.dataclasses import dataclass, replace
 from fame.errors import ModelError, UnavailableError
 from fame.rooms import LAY_OUT, load

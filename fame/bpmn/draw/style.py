@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 from fame.bpmn.draw.svg import Label, number, tag, text_lines, text_width, translated
-from fame.bpmn.model import Edge, Element, Shape
+from fame.bpmn.model import Edge, Element, ElementOutcome, Shape
 from fame.dataclasses import dataclass, field
 
 Ink = tuple[str, str]
@@ -193,7 +193,6 @@ def marker(kind: str, ink: Ink) -> str:
     return _line(data, ink, width)
 
 
-ElementOutcome = Literal["failed", "violated", "waiting", "completed", "cancelled"]
 Tally = Mapping[ElementOutcome, int]
 """Number of executions with each outcome."""
 

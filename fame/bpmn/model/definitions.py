@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
 from fame.bpmn.model.elements import Element
 from fame.bpmn.model.flow_nodes import Body
 from fame.dataclasses import dataclass, field
-from fame.errors import display_name
+from fame.errors import ModelError, UnavailableError, display_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +218,8 @@ class Definitions:
 
     def _repr_svg_(self) -> str | None:
         """Return the diagram as SVG, for notebooks; None if there is nothing to draw."""
-        from fame.bpmn.draw.diagram import draw, is_drawable
+        from fame.rooms import DRAW, load
 
-        return draw(self) if is_drawable(self) else None
+        with suppress(ModelError, UnavailableError):
+            return str(load(DRAW)(self))
+        return None

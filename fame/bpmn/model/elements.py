@@ -49,6 +49,10 @@ def texts(use: Use, *expressions: Expression | None) -> Iterator[Text]:
     return ((one, use) for one in expressions if one is not None)
 
 
+ElementOutcome = Literal["failed", "violated", "waiting", "completed", "cancelled"]
+"""What a drawing of a run or a table of its visits counts of an element, the most important first."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Element:
     """Fields that all drawn elements have."""
