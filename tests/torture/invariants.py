@@ -140,15 +140,20 @@ def told(team: Team) -> Iterator[str]:
         if not robot.durable or robot.spoilt or robot.witness.changed:
             continue
         last: dict[int, tuple[int, str, list[int], float, int]] = {}
-        starts = sorted(one.time for one in team.said if (one.robot, one.answer) == (robot.name, "started"))
-        for time, process, message in team.fabric.published.get(f"/tell_{robot.name}", ()):
+        starts = _starts(team, robot.name)
+        for number, (time, process, message) in enumerate(team.fabric.published.get(team.tells(robot.name), ())):
             version, count = divmod(message.data, 1000)
             before, by, batch, at, run = last.get(version, (0, process, [], 0.0, 0))
-            again = (process != by and count in batch) or (count == 1 and run != bisect(starts, time))
+            again = (process != by and count in batch) or (count == 1 and run != bisect(starts, number))
             if count != before + 1 and not again:
                 yield f"{robot.name} has told {count} of version {version} after {before}"
             batch = [*batch, count] if time == at else [count]
-            last[version] = count, process, batch, time, bisect(starts, time)
+            last[version] = count, process, batch, time, bisect(starts, number)
+
+
+def _starts(team: Team, robot: str) -> list[int]:
+    """At which of its effects a robot had started: what left before is that of the mission before, also just before."""
+    return sorted(one.effects for one in team.said if (one.robot, one.answer) == (robot, "started"))
 
 
 def heard(team: Team) -> Iterator[str]:
@@ -378,12 +383,12 @@ def effects(team: Team) -> Iterator[str]:
     Without a directory, or with a disk that rots, A may only begin anew or further back: it never makes up a count.
     """
     keeps = team.robots["A"].durable and not team.robots["A"].spoilt
-    starts = sorted(one.time for one in team.said if (one.robot, one.answer) == ("A", "started"))
+    starts = _starts(team, "A")
     last: dict[int, tuple[int, str, int]] = {}
-    for time, process, message in team.fabric.published.get("/tick", ()):
+    for number, (_, process, message) in enumerate(team.fabric.published.get(team.tells("A"), ())):
         version, count = divmod(message.data, 1000)
         before, by, run = last.get(version, (0, process, 0))
-        if count == 1 and run != bisect(starts, time):
+        if count == 1 and run != bisect(starts, number):
             before = 0
         if count > before + 1:
             yield f"A has lost effects: after {before} of version {version} comes {count}"
@@ -393,7 +398,7 @@ def effects(team: Team) -> Iterator[str]:
         elif count < before and keeps:
             yield f"A has forgotten effects: after {before} of version {version} comes {count}"
         further_back = process != by and not keeps  # and from there on: what rotted may be more than one effect
-        last[version] = count if further_back else max(before, count), process, bisect(starts, time)
+        last[version] = count if further_back else max(before, count), process, bisect(starts, number)
 
 
 _LOSING = {"cut", "mute", "match", "stop", "kill", "memory", "migrate", "repair", *DISK_FAULTS}

@@ -72,7 +72,7 @@ def _monitor() -> Configuration:
 
 @dataclass
 class Said:
-    """An answer of an engine to a deployment, as it gave it."""
+    """An answer of an engine to a deployment, as it gave it; `effects` of its robot's mission had left before."""
 
     time: float
     robot: str
@@ -80,6 +80,7 @@ class Said:
     answer: str
     deployment: str
     reason: str
+    effects: int
 
 
 @dataclass
@@ -174,7 +175,8 @@ class Team:
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
         self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
-        self._begun: dict[tuple[str, bytes], float] = {}  # by process of the server and goal: when (s); -1: cancelled
+        self._left: dict[bytes, float] = {}  # when goals left their robots (s)
+        self._begun: dict[tuple[str, bytes], float] = {}  # by process of the server and goal: the same; -1: cancelled
         self._sent: dict[tuple[str, str, int], bytes] = {}  # by process of the server, robot and number: the last goal
         self._lost: dict[bytes, float] = {}  # goals that no task waits for, since when (s)
         self.stubborn = False  # whether the server refuses to cancel goals, which then go on for long
@@ -192,6 +194,10 @@ class Team:
         self.healed = math.inf  # when all faults have ended (s)
         self._rested = 0.0  # for how long nothing has been under way (s)
         self._told = 0  # how many lines there were then
+
+    def tells(self, robot: str) -> str:
+        """The topic of the effects of a robot's mission, which are counted."""
+        return "/tick" if self.plan.mission is None else f"/tell_{robot}"
 
     # ---- the run -----------------------------------------------------------------------------------------------------
 
@@ -481,7 +487,7 @@ class Team:
                 self.problems.append(f"{process.name} executes goal {place.x:g} twice")
             if self.plan.mission is not None:
                 self._check_goal(goal, process.name)
-            self._begun[process.name, goal.id] = self.scheduler.now / SECOND
+            self._begun[process.name, goal.id] = self._left.get(goal.id, 0.0)
             seconds = {GOALS["slow"]: 6.0, GOALS["long"]: 20.0}.get(round(place.y), 0.3)
             process.after(round(seconds * SECOND), lambda: goal.id in self.refused or end_goal(goal))
 
@@ -610,6 +616,9 @@ class Team:
         """Nothing is done while its mission is held, but what is on its way to the disk, for at most `longest` s."""
         robot = self.robots[process.partition("#")[0]]
         node = robot.engine.running if robot.engine is not None else None
+        if topic == SEND_GOAL:
+            goal = self.fabric.published[topic][-1][2].goal_id
+            self._left.setdefault(bytes(goal.uuid), self.scheduler.now / SECOND)
         self._on_moment(f"{robot.name} {'goal' if topic == SEND_GOAL else 'effect'}")
         longest += 2 * (robot.machine.slowest - WRITING)  # behind what is written now
         late = robot.engine is not None and robot.witness.held_for(self.scheduler.now / SECOND, robot.engine) >= longest
@@ -622,8 +631,8 @@ class Team:
         """A goal is executed once; another one for the same, after a crash too, only if it is cancelled before."""
         robot, number = self.robots[goal.message.pose.header.frame_id], round(goal.message.pose.pose.position.x)
         last = self._sent.get((server, robot.name, number), b"")
-        since, now = self._begun.get((server, last), -1.0), self.scheduler.now / SECOND
-        excused = any(since <= time <= now and why in ("cancel", "server") for time, why in robot.excuses)
+        since, left = self._begun.get((server, last), -1.0), self._left[goal.id]
+        excused = any(since <= time <= left and why in ("cancel", "server") for time, why in robot.excuses)
         started = self.plan.mission is not None and is_started(self.plan.mission, robot.name)
         if since >= 0 and robot.durable and not (robot.spoilt or excused or started):
             self.problems.append(f"{robot.name} has sent its goal {number} again, which its server has")
@@ -686,7 +695,8 @@ class Team:
 
         def published(answer: str = "", deployment: str = "", reason: str = "", *rest: Any, **more: Any) -> None:
             if answer and not more.get("repeated"):
-                said = Said(self.scheduler.now / SECOND, robot.name, process.name, answer, deployment, reason)
+                effects = len(self.fabric.published.get(self.tells(robot.name), ()))
+                said = Said(self.scheduler.now / SECOND, robot.name, process.name, answer, deployment, reason, effects)
                 text = f"{process.name}: {answer} {deployment} {reason}".rstrip()
                 if answer not in ("asking", "unknown") or text not in asked:  # they are said each second
                     self.note(text)
