@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.bpmn.extension_properties import PROPERTIES
+from fame.campaign import variation
 from fame.cli import parser, project
 from fame.cli.arguments import Parser
 from fame.clock import Scheduler
@@ -29,7 +30,7 @@ from fame.monitor.anomaly import learning_file
 from fame.monitor.pipeline import configuration, run_trigger
 from fame.monitor.pipeline.training_settings import Training
 from fame.rooms import COMMANDS, PROCESSORS, ROOMS, load, room_of
-from fame.scenario import plan, variation
+from fame.scenario import plan
 from fame.scenario.settings import NETWORK_KEYS
 from fame.scripting.feel.functions.collections import COLLECTIONS, CONTEXTS
 from fame.scripting.feel.functions.dates import MOMENTS

@@ -32,6 +32,7 @@ ROOMS: Mapping[str, Room] = {
         ),
         "models, runs and worlds as pictures and films",
     ),
+    "campaign": Room(("fame.campaign", "fame.cli.campaign"), "many runs of a scenario, with statistics", "campaign"),
     "foxglove": Room(("fame.log.foxglove",), "a team live in Foxglove", "foxglove"),
     "edit": Room(("fame.edit", "fame.cli.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),

@@ -14,11 +14,7 @@ from xml.etree import ElementTree
 import pytest
 from bpmn_text import process, properties
 
-from fame.cli import main
-from fame.errors import ConfigError, FameError
-from fame.log import Recording
-from fame.scenario.campaign import Campaign, Folder, _measured, _Variables, cause_of, run_campaign
-from fame.scenario.campaign_report import (
+from fame.campaign.report import (
     causes,
     counted,
     html_report,
@@ -28,8 +24,13 @@ from fame.scenario.campaign_report import (
     text_report,
     write_reports,
 )
+from fame.campaign.runs import Campaign, Folder, _measured, _Variables, cause_of, run_campaign
+from fame.campaign.variation import Distribution, Variation, points, read_variation
+from fame.cli import main
+from fame.errors import ConfigError, FameError
+from fame.log import Recording
+from fame.scenario.plan import changed
 from fame.scenario.scenario import Scenario
-from fame.scenario.variation import Distribution, Variation, changed, points, read_variation
 from fame.view import HeatMap
 
 ROOT = Path(__file__).parent.parent

@@ -45,7 +45,7 @@ LAYERS = (
     ("fame.robot",),
     ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log"),
     ("sim2d", "robots"),
-    ("fame.scenario", "fame.testing", "fame.view", "fame.edit"),
+    ("fame.scenario", "fame.campaign", "fame.testing", "fame.view", "fame.edit"),
     ("fame.cli", "fame", "fame.__main__"),
 )
 LAYER = {package: layer for layer, packages in enumerate(LAYERS) for package in packages}
@@ -197,7 +197,7 @@ def test_robots_register_themselves_and_are_imported_by_nobody() -> None:
     }  # not a robot: its task and envelope
     assert users - tools_of_an_arm == set()
     assert {package_of(item.source) for item in imports() if package_of(item.target) == "sim2d"} == {
-        "sim2d", "robots", "fame.scenario", "fame.cli"
+        "sim2d", "robots", "fame.scenario", "fame.campaign", "fame.cli"
     }  # fmt: skip
 
 

@@ -33,6 +33,7 @@ CORE = ("check m.bpmn", "run m.bpmn --log m.mcap", "split m.bpmn -o parts",
         "log convert m.mcap -o m.xes", "convert m.bpmn -o c.bpmn", "--help")  # fmt: skip
 """Command lines that need no room."""
 OF_ROOMS = {
+    "campaign": ("campaign m.bpmn --runs 1",),
     "dds": ("engine REX", "deploy m.bpmn", "status"),
     "draw": (f"draw {ROOT}/models/convoy.bpmn -o m.svg", "run m.bpmn --picture m.png"),
     "edit": ("diff m.bpmn m.bpmn", "edit --fetch"),

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from bpmn_text import document
 
+from fame.campaign.runs import cause_of
 from fame.cli import main
 from fame.deploy import Report
 from fame.middleware.network import Delay, Link, NetworkConfig, Partition
 from fame.scenario import Fault, Result, Scenario
-from fame.scenario.campaign import cause_of
 from fame.scenario.result import reported_result
 
 SIGNALS = '<signal id="Go" name="go"/><signal id="Own" name="~/go"/><message id="Order" name="order"/>'

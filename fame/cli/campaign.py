@@ -15,7 +15,7 @@ from fame.errors import ConfigError, FameError
 from fame.rooms import WRITE_RECORDING, load
 
 if TYPE_CHECKING:
-    from fame.scenario.campaign import Campaign, Folder
+    from fame.campaign.runs import Campaign, Folder
 
 _EXAMPLES = (
     "fame campaign examples/ground_vehicles.yaml --runs 200",
@@ -71,9 +71,9 @@ _OF_RESUMED = ("resume", "jobs", "width", "property", "parquet", "json", "no_pro
 
 def run(arguments: Namespace) -> int:
     """Do the runs, write the reports, and print what they say."""
+    from fame.campaign.report import interval, summary, text_report, write_reports
+    from fame.campaign.runs import run_campaign
     from fame.imports import require
-    from fame.scenario.campaign import run_campaign
-    from fame.scenario.campaign_report import interval, summary, text_report, write_reports
 
     require("joblib", "matplotlib", "scipy")  # before a folder is written, which would be in the way
     if arguments.property is not None and arguments.width is None:
@@ -121,7 +121,7 @@ _MOST = 20
 
 def _pages(rows: list[dict[str, Any]], folder: Path) -> dict[int, str]:
     """Write a page of the shortest run of each cause of failures, if it was recorded. Returns their names, by run."""
-    from fame.scenario.campaign_report import causes
+    from fame.campaign.report import causes
 
     pages = {}
     for run in (cause["run"] for cause in causes(rows)[:_MOST]):
@@ -142,8 +142,8 @@ def _goes_on(folder: Folder) -> str:
 
 def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
     """The campaign and the folder of its results. Raises ConfigError and ModelError before the first run."""
-    from fame.scenario.campaign import Campaign, Folder
-    from fame.scenario.variation import Variation, read_variation
+    from fame.campaign.runs import Campaign, Folder
+    from fame.campaign.variation import Variation, read_variation
 
     if arguments.resume is not None:
         if arguments.scenario is not None:

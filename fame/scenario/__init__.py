@@ -17,7 +17,6 @@ world and one engine per robot, deploys to them, monitors them and ends them.
     deployment     deploying to discovered robots and to late joiners
     settings       network and mission parameters of a scenario
     explore        exploring the states of a scenario, and the page for people who sign
-    campaign       many runs; variation: what varies; campaign_report: the result
 """
 
 from typing import TYPE_CHECKING

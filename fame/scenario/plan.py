@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -201,6 +202,11 @@ def _beside(path: Path, name: ConfigValue) -> Path:
     return plain if whole.exists() and plain.exists() and plain.samefile(whole) else whole
 
 
+def _document(path: Path, changes: Mapping[str, Any]) -> ConfigValue:
+    document = read_document(path, "scenario")
+    return replace(document, data=changed(document.data, changes, str(path))) if changes else document
+
+
 def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -> ScenarioFile:
     """Read a scenario file, with other values at the paths of `changes`, and register its message types.
 
@@ -208,12 +214,9 @@ def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({}))
     """
     from fame.properties.files import poses_of, properties_of
     from fame.scenario.settings import read_network, read_variables
-    from fame.scenario.variation import changed
     from sim2d.config import KEYS as WORLD_KEYS, read_world, world_config
 
-    document = read_document(path, "scenario")
-    if changes:
-        document = replace(document, data=changed(document.data, changes, str(path)))
+    document = _document(path, changes)
     for key, value in document.mapping().items():
         if key in WORLD_KEYS and key not in KEYS:
             raise value.error("is a key of the world: expected it below world, with more spaces before it")
@@ -252,13 +255,9 @@ def named_files(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -
     ``scenario``, ``models``, ``world``, ``code`` (own types of robots); ``module`` is a module by its name, no file.
     Raises ConfigError.
     """
-    from fame.scenario.variation import changed
-
     if path.suffix.lower() not in (".yaml", ".yml"):
         return [("models", path)]
-    document = read_document(path, "scenario")
-    if changes:
-        document = replace(document, data=changed(document.data, changes, str(path)))
+    document = _document(path, changes)
     keys = document.mapping()
     found = [("scenario", path), ("models", _beside(path, document.required("model", "FILE.bpmn")))]
     world, folder = keys.get("world"), path.parent
@@ -348,3 +347,35 @@ def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
         content = read_scenario(path)
         return content.world, content.seed
     return read_world(path), 0
+
+
+def changed(data: Any, changes: Mapping[str, Any], file: str) -> Any:
+    """Return the data of a scenario with other values at some paths. Raises ConfigError for a path
+    that does not exist."""
+    data = copy.deepcopy(data)
+    for path, value in changes.items():
+        *way, last = path.split(".")
+        place = data
+        for number, key in enumerate(way):
+            entry = _entry(place, key)
+            if entry is None and isinstance(place, dict) and way[0] in ("variables", "network"):
+                entry = place[key] = {}  # these may be missing from the file
+            if not isinstance(entry, dict | list):
+                raise ConfigError(f"the scenario has no {'.'.join(way[: number + 1])}", file=file, element=path)
+            place = entry
+        if isinstance(place, list):
+            raise ConfigError(
+                f"the scenario has a list at {'.'.join(way)}: name one of its items", file=file, element=path
+            )
+        place[last] = value
+    return data
+
+
+def _entry(place: Any, key: str) -> Any:
+    """The value of a key; of a list the item with this name, or at this place."""
+    if isinstance(place, dict):
+        return place.get(key)
+    if isinstance(place, list):
+        named = next((item for item in place if isinstance(item, dict) and item.get("name") == key), None)
+        return named if named is not None or not key.isdecimal() or int(key) >= len(place) else place[int(key)]
+    return None

@@ -18,11 +18,11 @@ from typing import Any
 
 from hypothesis import note, strategies as st
 
+from fame.campaign.variation import Distribution, free_places
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.network import Delay, Link, NetworkConfig, Partition
 from fame.scenario import Fault
-from fame.scenario.variation import Distribution, free_places
 from fame.testing.mission import MissionLoader, MissionUnderTest
 
 __all__ = ["faults", "load", "networks", "payloads", "places"]

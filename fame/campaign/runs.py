@@ -17,16 +17,16 @@ from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from fame.campaign.properties import columns
+from fame.campaign.variation import FAULTS, Distribution, Variation, points
 from fame.dataclasses import asdict, dataclass, field
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
 from fame.properties.conditions import measured
-from fame.scenario.plan import Fault, named_files, read_scenario
-from fame.scenario.property_statistics import columns
+from fame.scenario.plan import Fault, changed, named_files, read_scenario
 from fame.scenario.run import Run
 from fame.scenario.scenario import Scenario
 from fame.scenario.settings import ALL
-from fame.scenario.variation import FAULTS, Distribution, Variation, changed, points
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -443,7 +443,7 @@ def run_campaign(
     Raises KeyboardInterrupt after Ctrl-C, and ConfigError if a script of the model fails in the very first run; what is
     done is in the folder. `progress` gets all rows after each run.
     """
-    from fame.scenario.campaign_report import interval
+    from fame.campaign.report import interval
 
     rows = folder.rows()
     runs = campaign.rows([row["run"] for row in rows])

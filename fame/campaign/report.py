@@ -12,16 +12,16 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.imports import require
-from fame.intervals import nearest_rank, wilson
-from fame.scenario.property_statistics import (
+from fame.campaign.properties import (
     CampaignRow,
     counts,
     lines as lines_of_properties,
     slacks,
     statistics as statistics_of_properties,
 )
-from fame.scenario.variation import is_number
+from fame.campaign.variation import is_number
+from fame.imports import require
+from fame.intervals import nearest_rank, wilson
 from fame.text import percent, write_file, writing
 
 if TYPE_CHECKING:

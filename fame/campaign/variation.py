@@ -6,7 +6,6 @@ A path names a value of the scenario file as its keys do: ``variables.REX.speed`
 
 from __future__ import annotations
 
-import copy
 import itertools
 import math
 import random
@@ -163,41 +162,6 @@ def free_places(distribution: Distribution, world: WorldConfig | None) -> list[t
     x, y = (grid.origin[axis] + (cells + 0.5) * grid.resolution for axis, cells in enumerate((columns, rows)))
     order = random.Random(0).sample(range(len(x)), len(x))  # so that near quantiles are not near places
     return [(round(float(x[cell]), 3), round(float(y[cell]), 3)) for cell in order]
-
-
-# ---- changes of a scenario -------------------------------------------------------------------------------------------
-
-
-def changed(data: Any, changes: Mapping[str, Any], file: str) -> Any:
-    """Return the data of a scenario with other values at some paths. Raises ConfigError for a path
-    that does not exist."""
-    data = copy.deepcopy(data)
-    for path, value in changes.items():
-        *way, last = path.split(".")
-        place = data
-        for number, key in enumerate(way):
-            entry = _entry(place, key)
-            if entry is None and isinstance(place, dict) and way[0] in ("variables", "network"):
-                entry = place[key] = {}  # these may be missing from the file
-            if not isinstance(entry, dict | list):
-                raise ConfigError(f"the scenario has no {'.'.join(way[: number + 1])}", file=file, element=path)
-            place = entry
-        if isinstance(place, list):
-            raise ConfigError(
-                f"the scenario has a list at {'.'.join(way)}: name one of its items", file=file, element=path
-            )
-        place[last] = value
-    return data
-
-
-def _entry(place: Any, key: str) -> Any:
-    """The value of a key; of a list the item with this name, or at this place."""
-    if isinstance(place, dict):
-        return place.get(key)
-    if isinstance(place, list):
-        named = next((item for item in place if isinstance(item, dict) and item.get("name") == key), None)
-        return named if named is not None or not key.isdecimal() or int(key) >= len(place) else place[int(key)]
-    return None
 
 
 def is_number(value: Any) -> bool:
