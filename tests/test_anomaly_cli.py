@@ -61,6 +61,8 @@ def test_merging_tells_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixtu
         write_csv(tmp_path / name, of_runs([np.ones((3, 2))], label, ("s", "l")))
     assert adm("merge", tmp_path / "a.csv", tmp_path / "b.csv", "-o", tmp_path / "c.csv") == 0
     assert "6 points, 1 benign and 1 anomalous runs" in capsys.readouterr().out
+    with pytest.raises(ConfigError, match="expected a new file, got one that is read"):
+        adm("merge", tmp_path / "a.csv", tmp_path / "b.csv", "-o", tmp_path / "a.csv")
 
 
 @needs_data

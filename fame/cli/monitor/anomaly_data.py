@@ -105,6 +105,7 @@ def merge(arguments: Namespace) -> int:
     """Join files, write the result, and print what it holds."""
     from fame.monitor.anomaly import recording
 
+    writable(arguments.output, *arguments.files)
     joined = recording.merge(arguments.files)
     recording.write_csv(arguments.output, joined)
     return print_written(arguments, joined)
