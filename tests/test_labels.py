@@ -65,7 +65,12 @@ def test_a_run_that_is_anomalous_trains_no_longer(model: Path, capsys: pytest.Ca
     assert main(["monitor", "label", f"{runs}:3", "--benign", "--model", str(model)]) == 0  # the last word counts
     assert main(["monitor", "retrain", str(model)]) == 0
     assert TrainedModel.load(model).conditions["runs"] == 8
-    capsys.readouterr()
+    for number, count in (("", "0 runs beside 8"), (":3", "1 run beside 7")):  # of which no parts are made
+        assert main(["monitor", "label", str(runs), "--anomalous", "--model", str(model)]) == 0
+        assert not number or main(["monitor", "label", f"{runs}:3", "--benign", "--model", str(model)]) == 0
+        capsys.readouterr()
+        assert main(["monitor", "retrain", str(model)]) == 2
+        assert f"has {count} that are labelled anomalous (fame monitor label); at least" in capsys.readouterr().err
 
 
 def test_what_cannot_be_labelled_or_trained_again_is_said(model: Path, capsys: pytest.CaptureFixture[str]):

@@ -78,6 +78,8 @@ def train(
     used = [number for number in _chosen(read, config, benign) if number not in anomalous]
     numbers = [number for number in used if len(read[number].samples)]
     runs = [read[number].samples for number in numbers]
+    if anomalous:
+        _check_count(runs, len(anomalous))
     cut, runs = len(runs) == 1, parts(runs[0], config.window) if len(runs) == 1 else runs
     model = fit(
         runs, config, hash_files(config.files), report, keep=keep or config.keep, faults=True, detectors=detectors
@@ -379,10 +381,11 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
         raise ConfigError("no channel ever moves: nothing to learn", element="Training.files")
 
 
-def _check_count(runs: Sequence[Samples]) -> None:
+def _check_count(runs: Sequence[Samples], anomalous: int = 0) -> None:
     if len(runs) < 2:
-        text = f"has {len(runs)} run; at least 2 are needed, since runs that did not train set the thresholds"
-        raise ConfigError(text, element="Training")
+        beside = f" beside {anomalous} that are labelled anomalous (fame monitor label)" if anomalous else ""
+        text = f"has {len(runs)} run{'s' * (not runs)}{beside}; at least 2 are needed"
+        raise ConfigError(f"{text}, since runs that did not train set the thresholds", element="Training")
 
 
 def cut(
