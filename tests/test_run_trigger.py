@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,13 @@ from fame.middleware.local import LocalMiddleware
 from fame.monitor.data_files import Special, read_labelled_runs
 from fame.monitor.pipeline.configuration import load
 from fame.monitor.pipeline.estimators import Autoencoder
+from fame.monitor.pipeline.join import Join
 from fame.monitor.pipeline.node import ProcessingNode
 from fame.monitor.pipeline.recording import RecordingNode
-from fame.monitor.pipeline.run_trigger import RunTracker, RunTrigger, spans_of
+from fame.monitor.pipeline.run_trigger import RunTracker, RunTrigger, begins_within, spans_of
+from fame.monitor.pipeline.train import Training, train
 from fame.monitor.pipeline.trained_model import TrainedModel
+from tests.monitor_runs import told
 
 RATE, RUN = 25.0, 4.0
 STATE, BOOL = "sensor_msgs/msg/JointState", "std_msgs/msg/Bool"
@@ -68,22 +73,31 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def play(folder: Path, stamps: np.ndarray, values: np.ndarray, busy: np.ndarray, make: Any) -> list[Any]:
-    """Publish a recording to a node, the trigger only when it changes. Return the losses that come."""
+def play(
+    folder: Path, stamps: np.ndarray, values: np.ndarray, busy: np.ndarray, make: Any, *, call: bool = False
+) -> list[Any]:
+    """Publish a recording to a node, the trigger only when it changes; with `call` by calls of a service.
+
+    Return the losses that come."""
     scheduler = Scheduler()
     middleware = LocalMiddleware(scheduler)
     arm, heard = middleware.node("arm"), list[Any]()
     states, trigger = arm.publisher("joint_states", STATE), arm.publisher("cell/busy", BOOL)
     arm.subscription("loss", STATE, heard.append)
     node, before = make(middleware, scheduler), None
+    client, answers = arm.client("cell/run", "std_srvs/srv/SetBool"), list[Any]()
     for stamp, row, now in zip(stamps.tolist(), values, busy.tolist(), strict=True):
         scheduler.run(round(stamp * SECOND))
-        if now != before:
-            trigger.publish(messages.create(BOOL, {"data": bool(now)}))
+        if now != before and now >= 0:
+            if not call:
+                trigger.publish(messages.create(BOOL, {"data": bool(now)}))
+            else:
+                client.call({"data": bool(now)}, answers.append)
             before = now
         states.publish(messages.create(STATE, {"header": {"stamp": stamp}, "name": ("a", "b"), "effort": row}))
     scheduler.run(scheduler.now + SECOND)
     node.close()
+    assert all(each.success for each in answers)
     return heard
 
 
@@ -161,6 +175,39 @@ def test_a_bag_is_judged_as_the_table_that_was_recorded_with_it(folder: Path, ca
     assert verdicts(capsys, model, str(outputs[1]), "--config", str(folder / "unit.yaml")) == table
 
 
+def test_a_service_begins_and_ends_runs_in_files_and_live(folder: Path, capsys: pytest.CaptureFixture[str]):
+    unit, outputs, model = folder / "service.yaml", [folder / "calls.csv", folder / "calls"], folder / "model.skops"
+    unit.write_text(INPUTS.replace("Topic: cell/busy", "Service: cell/run"))
+    configuration, run = load(unit), day(5, 4, missing=1)
+    play(folder, *run, lambda *parts: RecordingNode(*parts, configuration, outputs), call=True)
+    table = verdicts(capsys, str(model), str(outputs[0]))
+    assert table == ["benign", "anomalous", "benign", "benign", "benign"]
+    assert verdicts(capsys, str(model), str(outputs[1]), "--config", str(unit)) == table
+    made = TrainedModel.load(model)
+    losses, asked = (
+        play(folder, *run, partial(ProcessingNode, configuration=load(each), processors=[Autoencoder(made)]), call=call)
+        for each, call in ((unit, True), (folder / "unit.yaml", False))
+    )
+    assert [(each.header.stamp, list(each.effort)) for each in losses] == [
+        (each.header.stamp, list(each.effort)) for each in asked
+    ]
+
+
+def test_a_recording_has_a_column_of_the_trigger_before_its_first_value(folder: Path):
+    busy = np.repeat([-1, 1, 0], [12 * round(RATE), 25, 25])  # silent for longer than other topics may be
+    values, stamps = np.zeros((len(busy), 2)), 100 + np.arange(len(busy)) / RATE
+    unit, file = load(folder / "unit.yaml"), folder / "late.csv"
+    play(folder, stamps, values, busy, lambda *parts: RecordingNode(*parts, unit, [file]))
+    (run,) = read_labelled_runs([file], special=Special(trigger=SPAN._replace(calls=True)))
+    assert len(run.samples) == 25
+
+
+def test_each_call_of_a_service_begins_a_run():
+    calls = RunTrigger(calls=True)
+    assert spans_of(calls, np.arange(4.0), np.array([1, 1, np.nan, 1])) == [(0, 1), (1, 3), (3, np.inf)]
+    assert not begins_within(calls, np.ones(2))
+
+
 def test_what_the_value_was_before_the_first_one_is_not_known():
     stamps = np.arange(8.0)
     assert spans_of(SPAN, stamps, np.array([1, 1, 0, 1, 1, 0, 0, 1])) == [(3.0, 5.0), (7.0, np.inf)]
@@ -185,6 +232,7 @@ def test_what_the_value_was_before_the_first_one_is_not_known():
             "Run.Column: the value of the trigger is called efforts, and so is",
         ),
         ("{Topic: busy, Begin: 1}", "Run.Begin"),
+        ("{Service: busy, Topic: busy}", "Run: got the keys Service and Topic: expected a topic or a service"),
     ],
 )
 def test_a_wrong_trigger_is_said_with_its_place(tmp_path: Path, line: str, text: str):
@@ -196,10 +244,46 @@ def test_a_wrong_trigger_is_said_with_its_place(tmp_path: Path, line: str, text:
     assert text in str(error.value)
 
 
-def test_a_file_without_the_column_or_without_a_run_is_refused(tmp_path: Path):
+def test_a_file_without_the_column_or_without_a_run_to_train_is_refused(tmp_path: Path):
     stamps, values, busy = day(3, 1)
     quiet = write(tmp_path / "quiet.csv", stamps, values, 0 * busy)
     with pytest.raises(ConfigError, match=r"quiet.csv.*: no run begins: column 'trigger' never becomes == 1 .* 0 to 0"):
-        read_labelled_runs([quiet], special=Special(trigger=SPAN))
+        read_labelled_runs([quiet], special=Special(trigger=SPAN), undisturbed=True)
     with pytest.raises(ConfigError, match=r"quiet.csv:1: has no column 'start'"):
         read_labelled_runs([quiet], special=Special(trigger=RunTrigger("start")))
+
+
+@pytest.mark.parametrize("join", [None, Join(RATE, 0.03, "hold")])
+def test_a_file_without_a_run_is_not_judged_and_the_others_are(
+    folder: Path, capsys: pytest.CaptureFixture[str], join: Join | None
+):
+    stamps, values, busy = day(3, 2)
+    files = [write(folder / f"{n}.csv", stamps, values, busy * n) for n in (0, 1)]
+    model = str(folder / "model.skops")
+    code, found = told(capsys, "monitor", "judge", model, *files)
+    assert code == 3
+    assert [run["verdict"] for run in found["runs"]] == ["not judged", *["benign"] * 3]
+    runs = read_labelled_runs(files, special=Special(trigger=SPAN, join=join))
+    assert [len(run.samples) > 0 for run in runs] == [False, True, True, True]
+    assert runs[0].notes[0].startswith("no run begins: column 'trigger' never becomes == 1 (Run: Starts)")
+    assert runs[1].notes[0].endswith("rows lie outside of every run: not judged")
+
+
+def test_true_and_false_are_values_of_a_trigger(tmp_path: Path):
+    file = write(tmp_path / "day.csv", *day(3, 1))
+    numbers, lines = (read_labelled_runs([file], special=Special(trigger=SPAN)), file.read_text().splitlines())
+    words = [f"{line[:-1]}{('False', 'true')[int(line[-1])]}" for line in lines[1:]]
+    file.write_text("\n".join([lines[0], *words]))
+    read = read_labelled_runs([file], special=Special(trigger=SPAN))
+    assert [run.samples.values.tolist() for run in read] == [run.samples.values.tolist() for run in numbers]
+    file.write_text("stamp,a,label\n1,2,true\n")  # may as well mean that it is anomalous
+    with pytest.raises(ConfigError, match="expected a number in column 'label', got 'true'"):
+        read_labelled_runs([file])
+
+
+@pytest.mark.parametrize(("trigger", "why"), [(SPAN, "does"), (RunTrigger(), r"does, since .* says .* \(Run: Ends\)")])
+def test_training_says_that_the_last_run_of_a_file_is_left_out(folder: Path, trigger: RunTrigger, why: str):
+    settings = Training((str(folder / "day.csv"),), str(folder / "none"), window=10, detector="pca", run=trigger)
+    (text,) = train(settings, keep=True).conditions["missing"]
+    found = r"1 of 25 runs is not known as a whole, run 24 to 0 %: the last run of day.csv is left out"
+    assert re.fullmatch(rf"{found}: the file ends before it {why}", text)

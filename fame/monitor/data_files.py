@@ -28,8 +28,8 @@ from fame.middleware.typesystem import STRING
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.join import Join, joined_table
 from fame.monitor.pipeline.processor import ActiveElements, Samples
-from fame.monitor.pipeline.run_trigger import RunTrigger, begins_within, require_runs, spans_of
-from fame.monitor.tables import RUN, STAMP, Table, read_blocks, read_parquet, read_table
+from fame.monitor.pipeline.run_trigger import RunTrigger, begins_within, no_run, spans_of
+from fame.monitor.tables import LABEL, RUN, STAMP, Table, read_blocks, read_parquet, read_table
 from fame.robot.robot_state import EVENTS, EVENTS_TOPIC, VARIABLES, WAITING, RobotState
 from fame.text import open_file
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """What stamps may be counted in, in s."""
-LABEL, ELEMENT = "label", "element"
+ELEMENT = "element"
 
 
 class LabelledRun(NamedTuple):
@@ -270,17 +270,16 @@ def _runs_of(
         rates = ": topics with rates of their own need Join: {Rate, Tolerance, Fill}" if torn.any() else ""
         raise ConfigError(f"has no row with all of {', '.join(columns)}{rates}", file=str(path))
     others_begin = np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1
-    parts: Sequence[Whole] = np.split(np.arange(len(values)), np.union1d(others_begin, table.joins))
-    outside = ""
+    parts = [(rows, "") for rows in np.split(np.arange(len(values)), np.union1d(others_begin, table.joins))]
     if special.trigger is not None:
-        every, signal = len(values), cells[:, names.index(special.trigger.column)]
-        parts = _triggered(special.trigger, stamps, signal, parts, path, undisturbed)
-        outside = f"{every - sum(map(len, parts))} of {every} rows lie outside of every run: not judged"
-        outside += "; a run was under way when the file began" if begins_within(special.trigger, signal) else ""
-    for rows in parts:
+        signal = cells[:, names.index(special.trigger.column)]
+        parts = _triggered(special.trigger, stamps, signal, [rows for rows, _ in parts], path, undisturbed)
+    for rows, note in parts:
+        notes = (note,) if note else ()
         if special.join is not None:
             names_of = [elements[row] for row in rows] if elements else []
-            yield _joined(special.join, stamps[rows], values[rows], labels[rows], names_of, columns, path)
+            joined = _joined(special.join, stamps[rows], values[rows], labels[rows], names_of, columns, path)
+            yield joined._replace(notes=notes)
             continue
         kept = rows[whole[rows]]
         _refuse_backward(stamps, kept, path, lines)
@@ -294,24 +293,32 @@ def _runs_of(
             seconds=float(np.ptp(known)) if len(known) else 0.0,
             labelled=bool(labels[rows].any()),
             seen=len(kept) / max(1, len(kept) + int(torn[rows].sum())),
-            notes=(outside,) if outside and not undisturbed and rows is parts[0] else (),
+            notes=notes,
             lacking=_lacking(values[rows], torn[rows], columns, [lines[row] for row in rows[torn[rows]][:1]]),
         )
 
 
 def _triggered(
     trigger: RunTrigger, stamps: Floats, values: Floats, parts: Sequence[Whole], path: Path, undisturbed: bool
-) -> list[Whole]:
-    """Return the rows of each run that a trigger tells, of the parts of a file. Of `undisturbed` runs the one that goes
-    on when the file ends is left out, unless the file is one run. Raises ConfigError if there is no run."""
-    found = list[Whole]()
+) -> list[tuple[Whole, str]]:
+    """Return the rows of each run that a trigger tells, of the parts of a file, and what is to be said of it: the first
+    one says what lies outside of every run. Of `undisturbed` runs the one that goes on when the file ends has no rows,
+    unless the file is one run. Raises ConfigError if there is no undisturbed run; else the one there is has no rows."""
+    found = list[tuple[Whole, str]]()
     for rows in parts:
         known = rows[np.isfinite(stamps[rows])]
         spans = spans_of(trigger, stamps[known], values[known])
+        found += [(known[(stamps[known] >= begin) & (stamps[known] < end)], "") for begin, end in spans]
         if undisturbed and spans and spans[-1][1] == np.inf and (trigger.ends or len(spans) > 1):
-            spans = spans[:-1]
-        found += [known[(stamps[known] >= begin) & (stamps[known] < end)] for begin, end in spans]
-    require_runs(trigger, values, found, str(path))
+            why = "" if trigger.ends else ", since nothing else says when it ends (Run: Ends)"
+            found[-1] = known[:0], f"the last run of {path.name} is left out: the file ends before it does{why}"
+    if undisturbed and not found:
+        raise ConfigError(no_run(trigger, values), file=str(path), element="Run")
+    if not undisturbed:
+        outside = len(values) - sum(len(rows) for rows, _ in found)
+        text = f"{outside} of {len(values)} rows lie outside of every run" if found else no_run(trigger, values)
+        text += "; a run was under way when the file began" if begins_within(trigger, values) else ""
+        found[:1] = [(found[0][0] if found else np.zeros(0, np.int64), f"{text}: not judged")]
     return found
 
 

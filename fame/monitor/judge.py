@@ -415,7 +415,8 @@ def _judge_run(model: TrainedModel, run: LabelledRun, number: int) -> JudgedRun:
     shown = Samples(samples.channels(), samples.stamps - begin, model.columns, elements)
     times = run_times(shown, shown.stamps, model.elements) if len(shown) else shown.stamps
     events = _explained(events, shown, times, model.band, model.window / model.rate)
-    if not len(loss) and not any(text.endswith(": not judged") for text in notes):
+    said = notes if len(samples) else [*notes, *run.notes]
+    if not len(loss) and not any(text.endswith(": not judged") for text in said):
         notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
     if run.lacking:
         notes.append(f"{run.lacking}: left out")

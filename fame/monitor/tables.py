@@ -1,8 +1,9 @@
 """Tables of numbers: CSV files and Parquet.
 
 Cells of a CSV file are separated by a semicolon, tab, comma or |; a decimal comma needs another separator than the
-comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00. In a recorded table a cell may be empty: a row holds
-the message of one topic. What is not a number is said with its line and column, never read as something else.
+comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00; true is 1, and false 0. In a recorded table a cell may
+be empty: a row holds the message of one topic. What is not a number is said
+with its line and column, never read as something else.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from fame.imports import require
 from fame.monitor.arrays import Floats, Whole
 from fame.text import open_file
 
-STAMP, RUN = "stamp", "run"
+STAMP, RUN, LABEL = "stamp", "run", "label"
+_WORDS = {"true": 1.0, "false": 0.0}
 
 
 class Table(NamedTuple):
@@ -196,6 +198,8 @@ class _Cells(NamedTuple):
         try:
             return _number(cell, date=name == self.stamp, comma=self.comma)
         except ValueError:
+            if name not in (self.stamp, RUN, LABEL) and (word := cell.strip().lower()) in _WORDS:
+                return _WORDS[word]
             if name in self.apart:
                 return 0.0
             right = "a number (s) or a date such as 2026-01-31T12:00:00.5" if name == self.stamp else "a number"

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats, Whole
-from fame.monitor.data_files import LABEL, stamp_text
-from fame.monitor.tables import RUN, STAMP, Table, read_table
+from fame.monitor.data_files import stamp_text
+from fame.monitor.tables import LABEL, RUN, STAMP, Table, read_table
 from fame.text import writing
 
 NEAR = 0.5

@@ -36,7 +36,7 @@ from typing import Any
 
 from fame.config.loader import read_document
 from fame.config.values import ConfigValue, Source, entries, join
-from fame.dataclasses import dataclass, field
+from fame.dataclasses import dataclass, field, replace
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
@@ -77,7 +77,8 @@ _NO_SOURCE, _NOWHERE = Source(), ConfigValue(None)
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """An entry of Inputs or Outputs. `rate` (Hz) is the expected rate of messages; 0: any."""
+    """An entry of Inputs or Outputs, or the trigger of runs. `rate` (Hz) is the expected rate of messages; 0: any. Of a
+    `service` (std_srvs/srv/SetBool) that the node offers, the requests are the messages."""
 
     name: str
     topic: str
@@ -86,6 +87,7 @@ class Port:
     qos: QoS
     description: str = ""
     rate: float = 0.0
+    service: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,9 +221,13 @@ def _port(name: str, value: ConfigValue, imports: Mapping[str, str], policies: M
 def _trigger(
     value: ConfigValue, inputs: Sequence[Port], imports: Mapping[str, str], policies: Mapping[str, Any]
 ) -> tuple[RunTrigger, Port | None]:
-    """Read the section `Run`: the trigger, and its topic if it has one. Raises ConfigError."""
+    """Read the section `Run`: the trigger, and its topic or service if it has one. Raises ConfigError."""
     parts = value.mapping(run_trigger.KEYS)
     run = trigger_of(parts)
+    if run.calls:
+        if more := {*PORT_KEYS} & {*parts}:
+            raise value.error(f"got the keys Service and {min(more)}: expected a topic or a service")
+        parts["Topic"] = parts["Service"]
     if "Topic" not in parts:
         if inputs or "Column" not in parts:
             raise value.error("expected the key Topic: a digital input, such as {Topic: input_3, Starts: 1}")
@@ -232,6 +238,7 @@ def _trigger(
     beside = next((port.type for port in inputs if port.topic == parts["Topic"].data), "std_msgs/msg/Bool")
     given = {"Field": "data", "MessageType": beside, **{key: parts[key].data for key in PORT_KEYS if key in parts}}
     port = _port(run.column, ConfigValue(given, value.path, value.source), imports, policies, INPUT)
+    port = replace(port, service=run.calls)
     _check_paths({each.name: value for each in (*inputs, port)}, (*inputs, port), None)
     try:
         single = isinstance(fields.reader(port.type, port.path)(messages.create(port.type))[0], float)

@@ -147,6 +147,18 @@ class LeftOut(NamedTuple):
         return any(column == name or column.startswith(f"{name}.") for name in self.inputs for column in columns)
 
 
+def listen(node: Node, port: Port, handler: Callable[[Any], object]) -> str:
+    """Subscribe to the topic of a port, or offer its service. Returns the full name."""
+    if not port.service:
+        return node.subscription(port.topic, port.type, handler, port.qos).topic
+
+    def called(request: Any) -> dict[str, Any]:
+        handler(request)  # it has the field of the message
+        return {"success": True}
+
+    return node.service(port.topic, "std_srvs/srv/SetBool", called).name
+
+
 class _Stream:
     """The inputs of one topic, and what has arrived of them: `left_out` messages were not taken, of which `others` are
     of other devices, the last one since `reason`; messages came from `arrived[0]` to `arrived[1]` (s), those that were
@@ -215,7 +227,7 @@ class InputNode:
                 stream = _Stream([port for port in ports if port.topic == topic])
                 type = stream.ports[0].type
                 handler = partial(self.on_message, stream)
-                stream.topic = self.node.subscription(topic, type, handler, stream.ports[0].qos).topic
+                stream.topic = listen(self.node, stream.ports[0], handler)
                 reason = partial(_silence_reason, middleware, stream.topic, type)
                 stream.silence = SilenceWatch(scheduler, stream.topic, SILENCE, self.report.always, reason)
                 if stream.ports == [configuration.trigger]:

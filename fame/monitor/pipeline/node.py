@@ -23,7 +23,7 @@ from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.blindness import Blindness
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.fields import UnusableMessage, Writer, has_stamp, reader, stamp_of, writer
-from fame.monitor.pipeline.input_node import InputNode, ThrottledReport
+from fame.monitor.pipeline.input_node import InputNode, ThrottledReport, listen
 from fame.monitor.pipeline.join import Joiner
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
@@ -137,15 +137,12 @@ class ProcessingNode(InputNode):
             self._publications = Publications(self.node, configuration.outputs, self.report)
             self._parameters = ParameterServer(self.node, self.processors, self.report)
             self._blindness = Blindness(middleware, self.node, self.configuration.name, on_blind)
+            self._runs = RunTracker(configuration.run) if configuration.run is not None else None
+            if configuration.trigger is not None and self._runs is not None:
+                listen(self.node, configuration.trigger, partial(self._on_trigger, self._runs, configuration.trigger))
         except BaseException:
             super().close()
             raise
-        self._runs = RunTracker(configuration.run) if configuration.run is not None else None
-        if configuration.trigger is not None and self._runs is not None:
-            handler = partial(self._on_trigger, self._runs, configuration.trigger)
-            self.node.subscription(
-                configuration.trigger.topic, configuration.trigger.type, handler, configuration.trigger.qos
-            )
         self._joiner = Joiner(configuration.join, self.report) if configuration.join is not None else None
         self.calls = self.missed = 0
         self._raised, self._doubts = "", dict[str, str]()

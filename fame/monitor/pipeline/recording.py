@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
 from fame.dataclasses import dataclass, replace
 from fame.errors import ConfigError
+from fame.middleware import messages
 from fame.middleware.interface import Middleware, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.typesystem import STRING
@@ -95,7 +96,8 @@ class RecordingNode(InputNode):
             self._sinks = [each for each in self._outputs if not isinstance(each, BagWriter)]
             self._bags = [each for each in self._outputs if isinstance(each, BagWriter)]
             for topic, port in ports.items() if self._bags else ():
-                self.node.subscription(topic, port.type, partial(self._message, topic), port.qos)
+                if not port.service:
+                    self.node.subscription(topic, port.type, partial(self._message, topic), port.qos)
             for topic, handler in ((options.run_topic, self.begin), (options.end_topic, self.end)):
                 if topic:
                     self.handlers[self.node.subscription(topic, EMPTY, handler).topic] = handler
@@ -167,7 +169,10 @@ class RecordingNode(InputNode):
             return Influx(str(output), spool, configuration.name, self.report.always, origin=origin)
         if path.suffix == ".csv":
             follower = self.follower if options.elements else None
-            return CsvFile(path, ports, self.report, self._now, append=options.append, follower=follower)
+            return CsvFile(
+                path, ports, self.report, self._now, append=options.append, follower=follower,
+                trigger=configuration.trigger,
+            )  # fmt: skip
         if path.suffix in ("", ".mcap"):
             return BagWriter(path, ports, [resolve(port.topic, options.namespace) for port in ports])
         text = f"expected .csv, .mcap, no ending (a bag) or http://, got {path.suffix!r}"
@@ -185,6 +190,9 @@ class RecordingNode(InputNode):
             self._stop()
         for sink in self._sinks:
             sink.put(row)
+        if ports[0].service:  # bags have its calls as messages
+            topic = next(each.topic for each in self.streams if each.ports == ports)
+            self._message(topic, messages.create(ports[0].type, {"data": bool(values[0])}))
 
     def _message(self, topic: str, message: Any) -> None:
         for bag in self._bags:

@@ -3,28 +3,29 @@
 ::
 
     Run: {Topic: cell/input_3, Field: data, Starts: 1, Ends: 0}
+    Run: {Service: cell/run, Ends: 0}
     Run: {Column: force, Starts: "> 0.5"}
 
 A run begins when `Starts` becomes true. It ends when `Ends` becomes true, and with the begin of the next one. What the
-value was before the first one is not known: the first one begins no run. Live, from bags and from tables, the same
-`RunTracker` tells when runs last.
+value was before the first one is not known: the first one begins no run. Each call of a service counts, whatever the
+one before it said. Live, from bags and from tables, the same `RunTracker` tells when runs last.
 """
 
 from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from fame.config.values import ConfigValue
-from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 
 KEYS = {
     "Topic": "of the trigger; without a leading slash in the robot's namespace",
+    "Service": "instead of it: a service (std_srvs/srv/SetBool) that the node offers; the value is `data` of each call",
     "Field": "path to one number or boolean in its messages (`data`)",
     "MessageType": "of the topic (that of the Inputs of the same topic, otherwise `std_msgs/msg/Bool`)",
     "QoS": "policies of this topic",
@@ -42,11 +43,13 @@ _KEPT = 100
 
 
 class RunTrigger(NamedTuple):
-    """The column of the value, and the conditions that it meets when a run begins, and ends (empty: with the next)."""
+    """The column of the value, and the conditions that it meets when a run begins, and ends (empty: with the next). Of
+    `calls` each one counts, also if the value stays the same."""
 
     column: str = COLUMN
     starts: str = "== 1"
     ends: str = ""
+    calls: bool = False
 
     @property
     def text(self) -> str:
@@ -56,14 +59,14 @@ class RunTrigger(NamedTuple):
 
 
 def trigger_of(parts: Mapping[str, ConfigValue]) -> RunTrigger:
-    """Read the keys `Column`, `Starts` and `Ends`. Raises ConfigError."""
+    """Read the keys `Column`, `Starts`, `Ends`, and whether there is a `Service`. Raises ConfigError."""
     column = parts["Column"].text() if "Column" in parts else COLUMN
     starts, ends = (
         _condition(parts[key]) if key in parts else text for key, text in (("Starts", "== 1"), ("Ends", ""))
     )
     if starts == ends:
         raise parts["Ends"].error(f"is the condition of Starts, too ({starts}): expected another one, or no Ends")
-    return RunTrigger(column, starts, ends)
+    return RunTrigger(column, starts, ends, "Service" in parts)
 
 
 def _condition(value: ConfigValue) -> str:
@@ -94,8 +97,10 @@ class RunTracker:
         """Take the next value; one that is not finite is none."""
         if not np.isfinite(value):
             return
-        starts, ends = (bool(each) and _holds(each, value) for each in self.trigger[1:])
+        starts, ends = (bool(each) and _holds(each, value) for each in self.trigger[1:3])
         before, self._before = self._before or (True, True), (starts, ends)
+        if self.trigger.calls:
+            before = False, False
         if ends and not before[1]:
             self._end(stamp)
         if starts and not before[0]:
@@ -121,14 +126,11 @@ def spans_of(trigger: RunTrigger, stamps: Floats, values: Floats) -> list[tuple[
 def begins_within(trigger: RunTrigger, values: Floats) -> bool:
     """Return whether a run may be under way with the first value of a file, of which the begin is not known."""
     first = values[np.isfinite(values)][:1].tolist()
-    return any(_holds(trigger.starts, value) for value in first)
+    return not trigger.calls and any(_holds(trigger.starts, value) for value in first)
 
 
-def require_runs(trigger: RunTrigger, values: Floats, spans: Sequence[object], file: str) -> None:
-    """Raise ConfigError if no run begins in a file."""
-    if spans:
-        return
+def no_run(trigger: RunTrigger, values: Floats) -> str:
+    """Say that no run begins in a file."""
     known = values[np.isfinite(values)]
     range_ = f"its values are {known.min():g} to {known.max():g}" if len(known) else "it has no value"
-    text = f"no run begins: column {trigger.column!r} never becomes {trigger.starts} (Run: Starts); {range_}"
-    raise ConfigError(text, file=file, element="Run")
+    return f"no run begins: column {trigger.column!r} never becomes {trigger.starts} (Run: Starts); {range_}"

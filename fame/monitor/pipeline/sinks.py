@@ -5,7 +5,8 @@ named by input, and by channel where it has several: ``Effort0``, ``Efforts.elbo
 
 *CSV.* The cells of the other topics of a row are empty. Whole lines are written, so a killed process leaves a file that
 is complete up to its last line. The header needs the channels of every topic: rows wait in memory until each topic has
-had a message, or for `PATIENCE`; a topic that was silent until then has no columns, which is reported.
+had a message, or for `PATIENCE`; a topic that was silent until then has no columns, which is reported. The trigger of
+runs has one always.
 
 *Bags* hold whole messages: a folder as `ros2 bag` writes it, or one MCAP file.
 
@@ -94,8 +95,8 @@ class CsvFile:
     """Writes rows to a file.
 
     `append` continues a file that has the same columns; `follower` knows the active element of the mission, which the
-    last column then has; `now` gives the time (s), since the stamps of two topics may be
-    of two clocks.
+    last column then has; `now` gives the time (s), since the stamps of two topics may be of two clocks. The `trigger`
+    of runs has a column before it has a message.
     """
 
     path: Path
@@ -111,8 +112,14 @@ class CsvFile:
         *,
         append: bool = False,
         follower: ElementFollower | None = None,
+        trigger: Port | None = None,
     ) -> None:
         self._follower = follower
+        self._known = (
+            {trigger.topic: [trigger.name]}
+            if trigger is not None and [trigger] == [port for port in ports if port.topic == trigger.topic]
+            else {}
+        )
         self.path, self.rows, self._report, self._now, self._since = path, 0, report, now, 0.0
         self._topics = list(dict.fromkeys(port.topic for port in ports))
         self._waiting: list[Row] | None = []
@@ -136,7 +143,7 @@ class CsvFile:
         if not self._waiting:
             self._since = self._now()
         self._waiting.append(row)
-        spoken = {each.ports[0].topic for each in self._waiting}
+        spoken = {*self._known, *(each.ports[0].topic for each in self._waiting)}
         if len(spoken) == len(self._topics) or self._now() - self._since > PATIENCE:
             self._begin()
 
@@ -171,7 +178,7 @@ class CsvFile:
 
     def _begin(self) -> None:
         waiting, self._waiting = self._waiting or [], None
-        first = {row.ports[0].topic: columns_of(row) for row in reversed(waiting)}
+        first = {**self._known, **{row.ports[0].topic: columns_of(row) for row in reversed(waiting)}}
         of_topics = {topic: first[topic] for topic in self._topics if topic in first}
         for topic in self._topics:
             if topic not in of_topics:

@@ -109,7 +109,8 @@ def missing(runs: Sequence[LabelledRun], used: Sequence[int]) -> list[str]:
     empty = f"{run.gaps} of {run.gaps + len(run.samples)} rows have an empty cell"
     why = [*([run.lacking] if run.lacking else []), *run.notes] or [empty]
     share = f"{100 * known[worst]:{'.0f' if known[worst] < WHOLE else '.4g'}} %"
-    found = f"{len(short)} of {len(used)} runs are not known as a whole, run {worst} to {share}"
+    are = "is" if len(short) == 1 else "are"
+    found = f"{len(short)} of {len(used)} runs {are} not known as a whole, run {worst} to {share}"
     return [f"{found}: {'; '.join(why)}"]
 
 
