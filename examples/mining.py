@@ -24,7 +24,7 @@ from pm4py.objects.petri_net.utils.petri_utils import add_arc_from_to
 from pm4py.util import constants
 
 import fame
-from fame.log.conversion import convert
+from fame.mining.conversion import convert
 
 constants.SHOW_PROGRESS_BAR = False
 CASE, TIME = ["run", "robot", "instance", "scope"], "time:timestamp"

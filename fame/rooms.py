@@ -33,6 +33,7 @@ ROOMS: Mapping[str, Room] = {
         "models, runs and worlds as pictures and films",
     ),
     "campaign": Room(("fame.campaign", "fame.cli.campaign"), "many runs of a scenario, with statistics", "campaign"),
+    "mining": Room(("fame.mining",), "recordings as event logs for process mining, tables, and bags of ROS 2"),
     "foxglove": Room(("fame.log.foxglove",), "a team live in Foxglove", "foxglove"),
     "edit": Room(("fame.edit", "fame.cli.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
@@ -261,6 +262,7 @@ MIDDLEWARES: Mapping[str, str] = {
 
 ADD_DIAGRAM = "fame.layout:add_diagram"
 CHECK_DRAWINGS = "fame.cli.draw:check_drawings"
+CONVERT_RECORDING = "fame.mining.conversion:convert"
 DDS_TYPE = "fame.middleware.dds.wire:declared"
 DRAW = "fame.bpmn.draw.diagram:draw"
 DRAW_RUN = "fame.cli.draw:draw_run"
@@ -289,4 +291,5 @@ VIEW_RUN = "fame.cli.view:viewed"
 VIEW_SERVING = "fame.cli.view:serving"
 VIEW_WAIT = "fame.cli.view:wait_for_interrupt"
 WRITE_RECORDING = "fame.view.page_file:write_recording"
+XES = "fame.mining.xes:xes"
 ZENOH_MEETING = "fame.middleware.zenoh.session:take_over"

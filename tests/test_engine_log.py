@@ -11,8 +11,8 @@ from fame.cli import main
 from fame.clock import EPOCH, SECOND
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, WAITING
-from fame.log.conversion import merge
 from fame.log.engine_log import EngineLog
+from fame.log.merging import merge
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.robot.live import ElementFeed

@@ -27,7 +27,7 @@ from fame.log.elements import element_info
 from fame.log.reading import rows_of
 from fame.log.recording import Recording
 from fame.log.recording_file import RecordingFile
-from fame.log.xes import xes
+from fame.mining.xes import xes
 from fame.properties.files import read_properties
 from fame.robot.events import Event, combine_observers
 from fame.scenario import Scenario

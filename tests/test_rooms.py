@@ -30,7 +30,7 @@ FILES = {
     "test_m.py": "def test_m(mission): pass",
 }  # fmt: skip
 CORE = ("check m.bpmn", "run m.bpmn --log m.mcap", "split m.bpmn -o parts",
-        "log convert m.mcap -o m.xes", "convert m.bpmn -o c.bpmn", "--help")  # fmt: skip
+        "log merge m.mcap -o n.mcap", "convert m.bpmn -o c.bpmn", "--help")  # fmt: skip
 """Command lines that need no room."""
 OF_ROOMS = {
     "campaign": ("campaign m.bpmn --runs 1",),
@@ -46,6 +46,7 @@ OF_ROOMS = {
         "run p.bpmn",
         "log record --properties p.properties.yaml -o r.mcap",
     ),
+    "mining": ("log convert m.mcap -o m.xes", "run m.bpmn --log m.xes"),
     "layout": ("layout m.bpmn -o l.bpmn",),
     "monitor": ("monitor judge m.skops m.csv", "monitor", "run node.bpmn", "topic list", "record x.yaml -o m.csv"),
     "ros": ("engine REX --middleware ros",),

@@ -10,12 +10,12 @@ from deployment_field import Field, patrol
 from rosbags.highlevel import AnyReader
 
 from fame.errors import ConfigError
-from fame.log.conversion import convert
 from fame.log.recording import Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, SENSOR_DATA, SIGNAL
+from fame.mining.conversion import convert
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 

@@ -25,7 +25,7 @@ from view_page import eventually
 
 from fame.errors import ConfigError
 from fame.log import Recording
-from fame.log.conversion import convert
+from fame.mining.conversion import convert
 
 pytestmark = [needs("rclpy"), pytest.mark.ros, pytest.mark.processes]
 

@@ -15,8 +15,8 @@ from view_page import beyond, eventually, opened, shot, until, violations
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import FameError
 from fame.log import Recording
-from fame.log.conversion import merge
 from fame.log.live_team import LiveTeam
+from fame.log.merging import merge
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages

@@ -14,7 +14,7 @@ from fame.cli.arguments import Commands, Parser, add_json, add_properties, add_t
 from fame.cli.network import add_network, note_ready
 from fame.cli.output import note, progress_line, table
 from fame.errors import ConfigError
-from fame.rooms import JUDGE_COMMAND, JUDGE_FOR, load
+from fame.rooms import CONVERT_RECORDING, JUDGE_COMMAND, JUDGE_FOR, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -170,10 +170,8 @@ def record(arguments: Namespace) -> int:
 
 
 def convert(arguments: Namespace) -> int:
-    from fame.log.conversion import convert as convert_recording
-
     options = {"level": arguments.level, "named": dict(arguments.object), "robots": arguments.robot}
-    return _write("converting", partial(convert_recording, arguments.recording, **options), arguments)
+    return _write("converting", partial(load(CONVERT_RECORDING), arguments.recording, **options), arguments)
 
 
 def naming(text: str) -> tuple[str, str]:
@@ -184,7 +182,7 @@ def naming(text: str) -> tuple[str, str]:
 
 
 def merge(arguments: Namespace) -> int:
-    from fame.log.conversion import merge as merge_recordings
+    from fame.log.merging import merge as merge_recordings
 
     return _write("merging", partial(merge_recordings, arguments.recordings), arguments)
 

@@ -4,7 +4,7 @@ The suffix of the file selects the format:
 
 .jsonl  one JSON object per event and line
 .csv    the same as a table
-.xes    IEEE 1849, one trace per process instance (`fame.log.xes`)
+.xes    IEEE 1849, one trace per process instance (`fame.mining.xes`)
 
 Times are simulated times in seconds, exact to the nanosecond. Nothing depends on the wall clock, so equal runs give
 equal bytes. Events are written as they occur. The file is complete when the ``with`` block ends, also after an error.
@@ -12,7 +12,7 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
 ::
 
     writing        the files; .mcap files are recordings (docs/recordings.md)
-    lines, xes     JSON Lines and CSV; IEEE 1849
+    lines          JSON Lines and CSV
     elements       names and kinds of elements
     reading        the outcomes of the executions of elements
     channels       topics and schemas of a recording
@@ -23,7 +23,7 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     live_team      follows a team on the network
     team_recorder  records it; engine_log: the log that an engine keeps itself
     wait_reasons   why a token waits
-    conversion     other forms of a recording, merging; ocel: OCEL 2.0
+    merging        several recordings as one
     judge          judges properties in it, in event_logs and in bags; live_judge: while it is made
     property_watch the service that watches a property of the team
 """

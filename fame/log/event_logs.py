@@ -16,9 +16,7 @@ from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.log.elements import UNKNOWN, element_info
-from fame.log.mission_level import PART
-from fame.log.ocel import RECORDING
-from fame.log.reading import PART_MESSAGE, rows_of
+from fame.log.reading import PART, PART_MESSAGE, rows_of
 from fame.log.recorded_events import (
     WHAT,
     EventRow,
@@ -30,11 +28,11 @@ from fame.log.recorded_events import (
     processes_of,
     timed,
 )
+from fame.log.writing import OCEL, OCEL_RECORDING
 from fame.log.xes_reading import XES, is_xes, names_of, read_foreign_xes, read_xes
 from fame.robot.events import ENDED
 from fame.text import open_file
 
-OCEL = ".ocel.json"
 EVENT_LOGS: Sequence[str] = (".jsonl", ".csv", *XES, OCEL)
 _OF_ENGINE = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 
@@ -76,7 +74,7 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
     with open_file(path) as stream:
         data = json.load(stream)
     starts, ends, partly = list[dict[str, Any]](), list[dict[str, Any]](), set[str]()
-    recorded = (each for one in data["objects"] if one["type"] == RECORDING for each in one["attributes"])
+    recorded = (each for one in data["objects"] if one["type"] == OCEL_RECORDING for each in one["attributes"])
     for entry in recorded:
         if entry["name"] == PART:
             raise ConfigError(PART_MESSAGE.format(entry["value"]), file=str(path))

@@ -22,10 +22,9 @@ from fame.bpmn.pools import pools_of
 from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.log.channels import EVENTS, PROPERTIES, VARIABLES
-from fame.log.conversion import models_of
 from fame.log.event_logs import read_event_log
 from fame.log.recorded_events import EventRow, RecordedEvents
-from fame.log.recording import RecordedMessage, Recording
+from fame.log.recording import RecordedMessage, Recording, models_of
 from fame.log.team_judge import TeamJudge, team_of
 from fame.properties import Judge, Judgement, Monitor, Property, compile
 from fame.properties.vocabulary import Vocabulary

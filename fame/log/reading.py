@@ -17,12 +17,13 @@ from fame.clock import SECOND
 from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
-from fame.log.mission_level import PART
 from fame.log.recording import Recording
 from fame.robot.robot_state import outcomes_of
 from fame.text import open_file, suggestion, unreadable, wrong_ending
 
 _Row = Mapping[str, Any]
+PART = "part"
+"""What the first event of a log is that leaves something out; its detail says what the log has."""
 PART_MESSAGE = "has only a part of its run ({}): give the recording that it was converted from"
 _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 """Marks of the engine; other events of a log come from scripts and robots."""

@@ -10,7 +10,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import copy
 from functools import lru_cache
 from operator import attrgetter
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 from fame.clock import SECOND
 from fame.closing import Closing
 from fame.dataclasses import dataclass
-from fame.errors import ConfigError
+from fame.errors import ConfigError, ModelError
 from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.mcap_index import ChunkPlace, McapIndex, chunk_messages, in_order, read_index
 from fame.log.team_state import TeamState
@@ -30,6 +30,8 @@ from fame.text import open_file, unreadable
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
+
+    from fame.bpmn.model import Definitions
 
 _KEPT_CHUNKS = 32
 _OTHER_FORM = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
@@ -393,3 +395,14 @@ def team_order(robots: Iterable[str], bodies: Iterable[str] = ()) -> list[str]:
 
 def _by_number(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def models_of(recording: Recording) -> list[Definitions]:
+    """Return the models in a recording; those that cannot be read are left out."""
+    from fame.bpmn import read_bytes
+
+    found = []
+    for name, data in recording.models.items():
+        with suppress(ModelError):
+            found.append(read_bytes(data, file=name))
+    return found

@@ -19,6 +19,7 @@ from fame.log.lines import jsonl, table
 from fame.log.recorder import About, LogTopics, Recorder, recording_to
 from fame.log.recording_file import RecordingFile
 from fame.robot.events import Event, Observer
+from fame.rooms import XES, load
 from fame.text import writing, wrong_ending
 
 _BUFFER = 1 << 16
@@ -31,9 +32,8 @@ _Form: TypeAlias = Callable[[BinaryIO, Mapping[str, ElementInfo]], AbstractConte
 
 
 def _xes(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> AbstractContextManager[Observer]:
-    from fame.log.xes import xes  # with the XML of the standard library, which loads urllib and ssl
-
-    return xes(stream, elements)
+    form: _Form = load(XES)
+    return form(stream, elements)
 
 
 _FORMS: Mapping[str, _Form] = {
@@ -41,6 +41,10 @@ _FORMS: Mapping[str, _Form] = {
     ".csv": table,
     ".xes": _xes,
 }
+OCEL, OCEL_RECORDING = ".ocel.json", "recording"
+"""Its suffix, and the type of the object that says how the run ended and what the log lacks of it."""
+CONVERTED = (*_FORMS, OCEL)
+"""The forms of events that a recording can be converted to, by suffix."""
 
 
 @contextmanager

@@ -20,8 +20,7 @@ from fame.bpmn.model import Activity, Definitions
 from fame.bpmn.pools import Pool, expected_robots, matches, pools_of
 from fame.errors import ConfigError
 from fame.log.elements import UNKNOWN, element_info
-from fame.log.mission_level import PART
-from fame.log.reading import PART_MESSAGE
+from fame.log.reading import PART, PART_MESSAGE
 from fame.log.recorded_events import (
     WHAT,
     EventRow,

@@ -12,8 +12,7 @@ from fame.clock import SECOND
 from fame.dataclasses import dataclass
 from fame.errors import ConfigError
 from fame.imports import require
-from fame.log.conversion import models_of
-from fame.log.recording import Recording, team_order
+from fame.log.recording import Recording, models_of, team_order
 from fame.robot import Event
 from fame.scenario.film_captions import Captions
 

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 
 from fame.clock import Scheduler
 from fame.errors import ConfigError
-from fame.log.conversion import FORMS, convert
 from fame.log.recorder import About, LogTopics, model_attachments
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder, TeamRecorderOptions
-from fame.log.writing import RECORDING, new_file
+from fame.log.writing import CONVERTED, RECORDING, new_file
 from fame.middleware.interface import Middleware
 from fame.properties import Judgement
-from fame.rooms import TOPICS_READ, load
+from fame.rooms import CONVERT_RECORDING, TOPICS_READ, load
 from fame.text import wrong_ending
 
 if TYPE_CHECKING:
@@ -77,7 +76,7 @@ class TeamLogs:
             if log != self._path and log.suffix.lower() == RECORDING:
                 copyfile(self._path, log)
             elif log != self._path:
-                convert(self._path, log)
+                load(CONVERT_RECORDING)(self._path, log)
         return found
 
     def close(self, judgements: Sequence[Judgement] = ()) -> None:
@@ -104,7 +103,9 @@ def team_logs(scenario: Plan, logs: Sequence[Path], about: About, topics: LogTop
 
 
 def _check_endings(logs: Collection[Path]) -> None:
-    known = (*FORMS, RECORDING)
+    known = (*CONVERTED, RECORDING)
     for log in logs:
         if not log.name.lower().endswith(known):
             raise ConfigError(wrong_ending(log.name, known), file=str(log))
+        if log.suffix.lower() != RECORDING:
+            load(CONVERT_RECORDING)  # before anything is started

@@ -356,7 +356,8 @@ def read_definition(data: bytes) -> None:
 def read_recording(data: bytes) -> None:
     """A recording: everything that it has."""
     from fame.log import Recording
-    from fame.log.conversion import convert, models_of
+    from fame.log.recording import models_of
+    from fame.mining.conversion import convert
 
     path = _file("run.mcap", data)
     with Recording(path) as recording:
@@ -480,7 +481,7 @@ def _judging() -> tuple[Sequence[Any], Any]:
 
 
 def _converted(suffix: str) -> bytes:
-    from fame.log.conversion import convert
+    from fame.mining.conversion import convert
 
     convert(_file("valid.mcap", _run()), _folder() / f"valid{suffix}")
     return (_folder() / f"valid{suffix}").read_bytes()

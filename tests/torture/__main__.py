@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fame.gc_tuning import uncollected
-from fame.log.conversion import merge
+from fame.log.merging import merge
 from fame.log.writing import RECORDING
 
 from .invariants import judge

@@ -10,9 +10,6 @@ from fame.log.elements import element_info
 from fame.log.recording import RecordedMessage, Recording
 from fame.middleware.interface import ENGINE
 
-PART = "part"
-"""What the first event of a log is that leaves something out; its detail says what the log has."""
-
 
 class MissionLevel:
     """The activities and labelled elements in the files of the missions (`elements`, ids), and signals that they name.

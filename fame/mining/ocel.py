@@ -40,9 +40,11 @@ from fame.errors import ConfigError
 from fame.iso8601 import parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.elements import ElementInfo, element_info
-from fame.log.mission_level import PART, MissionLevel
+from fame.log.reading import PART
 from fame.log.recording import RecordedMessage, Recording
 from fame.log.team_state import TeamState
+from fame.log.writing import OCEL_RECORDING
+from fame.mining.mission_level import MissionLevel
 from fame.robot.events import ENDED
 from fame.text import suggestion
 
@@ -50,15 +52,13 @@ ObjectVariables = Mapping[str, str]
 """Type of objects -> the variable whose values name them."""
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "abort", "fail": "fail"}
-RECORDING = "recording"
-"""The type of an object: how the run ended, and what a log lacks of it."""
 _SENT, _RECEIVED, _GOAL_SENT, _GOAL_ENDED = "signal sent", "signal received", "goal sent", "goal ended"
 _OBJECT_TYPES: Mapping[str, Mapping[str, str]] = {
     "robot": {},
     "instance": {"process": "string", "status": "string"},
     "signal": {"topic": "string", "type": "string"},
     "goal": {"action": "string"},
-    RECORDING: {PART: "string", ENDED: "string"},
+    OCEL_RECORDING: {PART: "string", ENDED: "string"},
     "property": {"sentence": "string", "verdict": "string", "slack": "float", "text": "string"},
 }
 _ELEMENT = {"element": "string", "kind": "string", "lifecycle": "string", "error": "string"}
@@ -116,9 +116,9 @@ def write_ocel(
     for verdict in recording.verdicts:
         _add_verdict(log, verdict, recording.end)
     if recording.lack:
-        log.object(RECORDING, RECORDING, recording.end, {PART: recording.lack})
+        log.object(OCEL_RECORDING, OCEL_RECORDING, recording.end, {PART: recording.lack})
     if ended := recording.ended:
-        log.object(RECORDING, RECORDING, ended.time, {ENDED: ended.detail})
+        log.object(OCEL_RECORDING, OCEL_RECORDING, ended.time, {ENDED: ended.detail})
     text = json.dumps(log.to_json(), ensure_ascii=False, separators=(",", ":"))
     stream.write(text.encode("utf-8", "backslashreplace"))
 

@@ -23,7 +23,7 @@ from fame.engine.program import Mark
 from fame.engine.state import Trail
 from fame.iso8601 import parse_datetime
 from fame.log.elements import ElementInfo
-from fame.log.mission_level import PART
+from fame.log.reading import PART
 from fame.robot.events import ENDED, Event, Observer
 from fame.text import NOT_XML
 
