@@ -299,6 +299,24 @@ def test_a_process_that_ends_accepts_nothing_that_it_would_lose():
     assert kept(field, "B")[: len(before) + 1] == [*before, before[-1] + 1]  # the next process gets what was kept
 
 
+def test_a_mission_that_has_failed_accepts_nothing_more_and_both_ends_say_so():
+    field = Field("A", "B")
+    breaks = "kept = kept + [tick]\nif tick == 150:\n    await sleep(1)\n    1 / 0"
+    field.deploy(team(robots="B").replace("kept = kept + [tick]", breaks))
+    thrown, caught = told(field, "A"), told(field, "B")
+    field.pass_time(40)
+    (lost,) = caught
+    many = int(re.fullmatch(r"/tick: (\d+) acknowledged signals were not taken from a queue before .* failed", lost)[1])
+    behind, *missed = [text.removeprefix("/tick: B has not acknowledged ") for text in thrown]
+    assert re.fullmatch(r"\d+ signals, the oldest for 5.\d s: its mission has failed", behind)
+    assert 5 <= many <= 15
+    assert missed[0] == f"number {150 + many + 1} within 20 s: its mission has failed"
+    assert len(missed) > 50
+    assert field.variables("A")["late"] == [f"/tick: B has not acknowledged {text}" for text in missed]
+    field.deploy(team(robots="B"), id="d2", sequence=2, only=["B"])
+    assert kept(field, "B")[0] == 150 + many + len(missed) + 1  # the next mission gets what is within its time to live
+
+
 def test_without_a_queue_a_signal_that_no_event_waits_for_is_acknowledged_and_lost():
     field = Field("A", "B")
     busy = team(robots="B").replace('<c:property name="queue" value="500"/>', "")

@@ -86,9 +86,11 @@ class AcknowledgedSignals:
         self.incoming: dict[str, Incoming] = {name: Incoming(self.life) for name, use in uses.items() if use.catches}
         self._begun, self._catches = False, True
         self._dropped: dict[str, int] = {}  # signals that full queues have dropped, by topic
+        self._boxes: dict[str, list[Mailbox]] = {}  # the queues as of the last signal: a failure closes them
         self._timer: Entry | None = None
         self._trips: dict[tuple[str, str], RoundTrip] = {}
         self._congested: set[tuple[str, str]] = set()
+        self._failed: set[tuple[str, str]] = set()  # topics and robots whose mission has failed
 
     # ---- life --------------------------------------------------------------------------------------------------------
 
@@ -124,6 +126,7 @@ class AcknowledgedSignals:
     def begin(self) -> None:
         """Announce this robot to all that throw what it catches: the process has started, or goes on."""
         self._begun = True
+        self._boxes = {name: self._queues(name) for name in self.incoming}
         for name in self.outgoing:
             self._tick(name)
         for name in self.incoming:
@@ -146,18 +149,25 @@ class AcknowledgedSignals:
         """Accept nothing more: the process has ended, and would lose it. Report what waits in its queues."""
         self._catches = False
         for name in self.incoming:
-            self._report_dropped(name)
-            if many := sum(len(box.messages) for box in self._queues(name)):
-                self._report(
-                    f"{name}: {many} acknowledged signals were not taken from a queue before the mission was replaced"
-                )
+            self._report_left(name, self._queues(name), "before the mission was replaced")
+
+    def on_failed(self) -> None:
+        """Report what waited in the queues of a mission that is over; `_on_signal` accepts nothing from now on."""
+        for name, boxes in self._boxes.items() if self._node.has_failed else ():
+            self._report_left(name, boxes, "before the mission failed")
+
+    def _report_left(self, name: str, boxes: list[Mailbox], when: str) -> None:
+        self._report_dropped(name)
+        if many := sum(len(box.messages) for box in boxes):
+            self._report(f"{name}: {many} acknowledged signals were not taken from a queue {when}")
 
     def _queues(self, name: str) -> list[Mailbox]:
         return [box for box in self._node.engine.listeners.get(name, ()) if isinstance(box, Mailbox)]
 
     def _count_dropped(self, name: str) -> None:
         """Report when queues that are full begin to drop their oldest signals, and how many they have dropped."""
-        if any(len(box.messages) == box.messages.maxlen for box in self._queues(name)):
+        self._boxes[name] = boxes = self._queues(name)
+        if any(len(box.messages) == box.messages.maxlen for box in boxes):
             if name not in self._dropped:
                 self._report(f"{name}: a queue is full and drops its oldest signals, which were acknowledged")
             self._dropped[name] = self._dropped.get(name, 0) + 1
@@ -221,6 +231,7 @@ class AcknowledgedSignals:
             _text(content["robot"]), _text(content["life"]), _text(content["sender"]), _number(content["number"]),
             content.get("left") is True,
         )  # fmt: skip
+        (self._failed.add if content.get("failed") is True else self._failed.discard)((name, event.robot))
         self._handle(name, event)
 
     def _handle(self, name: str, event: OutgoingEvent) -> None:
@@ -277,7 +288,11 @@ class AcknowledgedSignals:
     def _behind(self, name: str, robot: str) -> str:
         state = self.outgoing[name]
         many, waited = self._waits(state, next(one for one in state.receivers if one.robot == robot))
-        return f"{name}: {robot} has not acknowledged {many} signals, the oldest for {waited / SECOND:.1f} s"
+        oldest = f"the oldest for {waited / SECOND:.1f} s{self._reason(name, robot)}"
+        return f"{name}: {robot} has not acknowledged {many} signals, {oldest}"
+
+    def _reason(self, name: str, robot: str) -> str:
+        return ": its mission has failed" if (name, robot) in self._failed else ""
 
     def behind(self) -> list[str]:
         """Return which robots do not take signals as fast as they are thrown, as warnings."""
@@ -292,7 +307,7 @@ class AcknowledgedSignals:
     def _report_missed(self, name: str, robot: str, signals: tuple[Signal, ...], when: str) -> None:
         first, last = signals[0].number, signals[-1].number
         numbers = f"number {first}" if first == last else f"{len(signals)} of the numbers {first} to {last}"
-        self._report(f"{name}: {robot} has not acknowledged {numbers} {when}", UNDELIVERED)
+        self._report(f"{name}: {robot} has not acknowledged {numbers} {when}{self._reason(name, robot)}", UNDELIVERED)
 
     def _report(self, text: str, signal: str = "") -> None:
         """Report to people, and by a `signal` to the process itself."""
@@ -314,6 +329,10 @@ class AcknowledgedSignals:
             return
         if event.robot in self._membership.team and _number(content["sequence"]) < self._membership.sequence:
             return  # a process that is being replaced, together with the one of before
+        if self._node.has_failed:
+            last = self.incoming[name].accepted.get((event.robot, event.life), 0)
+            self._answer(name, Answer(event.robot, event.life, last), failed=True)
+            return
         message = codec.deserialize(b64decode(event.data), self._types[name]) if event.number else None
         self.incoming[name], actions = step_incoming(self.incoming[name], event)
         for action in actions:
@@ -323,10 +342,10 @@ class AcknowledgedSignals:
             else:
                 self._answer(name, action)
 
-    def _answer(self, name: str, answer: Answer, *, left: bool = False) -> None:
+    def _answer(self, name: str, answer: Answer, *, left: bool = False, failed: bool = False) -> None:
         content = {
             "robot": self._node.namespace, "life": self.incoming[name].life, "sender": answer.life,
-            "number": answer.number, "left": left,
+            "number": answer.number, "left": left, "failed": failed,
         }  # fmt: skip
         self._leave(_answers(name, answer.robot), content)
 

@@ -294,6 +294,8 @@ class EngineHost:
         if self.recorder is not None:
             self.recorder.instance_ended(instance)
         self._options.on_end(instance)
+        if self.acknowledged is not None and instance.status == "failed":
+            self.acknowledged.on_failed()
         self.scripts.forget(instance.root_variables)
         if len(self.instances) - len(self.engine.instances) > self._options.keep:
             self.instances.remove(next(each for each in self.instances if each.status != "running"))

@@ -242,6 +242,13 @@ class RobotNode:
         return self.host.failed
 
     @property
+    def has_failed(self) -> bool:
+        """Whether the mission is over by a failure: nothing runs, and nothing will start."""
+        return self.host.failed > 0 and not (
+            self.engine.instances or self.engine.program.starts or self.engine.armed_starts
+        )
+
+    @property
     def elements(self) -> int:
         running = self.engine.instances.values()
         return self.host.elements_done + sum(sum(instance.counts[1:]) for instance in running)
