@@ -13,6 +13,9 @@ two thirds it is rolled back (``fame deploy --previous``). At the end no goal en
 - a number that was left out: its goal was not reached, or its signal was not noted, and neither the logs of the engines
   nor the base say so. (A robot that the rollback stops may be busy with one signal: that ends with its mission.)
 
+With ``--middleware ros`` engines use rclpy, and the other ends are of rclpy alone; its message packages are built first
+(a sourced ROS 2, its Python: ``. /opt/ros/jazzy/setup.sh; .venv-ros/bin/python -m benchmarks.field_trial ...``).
+
 One JSON object; exit code 1 if anything is wrong. Root: it makes the namespaces itself.
 """
 
@@ -22,10 +25,12 @@ import argparse
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -143,16 +148,106 @@ class Servers:
         self._write("noted", request.robot, request.text)
         return {}
 
+    def spin(self) -> None:
+        """Run for a second."""
+        self.scheduler.run(self.scheduler.now + SECOND)
+
+
+class RosServers:
+    """The same of rclpy, without FAME: its action servers and its service."""
+
+    def __init__(self, place: int, file: TextIO) -> None:
+        import rclpy
+        from nav2_msgs.action import NavigateToPose
+        from rclpy.action import ActionServer, CancelResponse
+        from rclpy.callback_groups import ReentrantCallbackGroup
+        from rclpy.executors import MultiThreadedExecutor
+        from trial_msgs.srv import Note
+
+        rclpy.init()
+        self.file, self.holding, self._lock, self._result = file, False, threading.Lock(), NavigateToPose.Result
+        self._executor = MultiThreadedExecutor(16)
+        for robot, home in ROBOTS.items():
+            if home == place:
+                node, group = rclpy.create_node("nav2", namespace=robot), ReentrantCallbackGroup()
+                accept = {"cancel_callback": lambda _: CancelResponse.ACCEPT, "callback_group": group}
+                execute = partial(self._execute, robot, Counter())
+                node.end = ActionServer(node, NavigateToPose, "navigate_to_pose", execute, **accept)
+                self._executor.add_node(node)
+        if place == 0:
+            base = rclpy.create_node("base")
+            base.create_service(Note, "/note", self._note)
+            self._executor.add_node(base)
+
+    def _write(self, *words: Any) -> None:
+        with self._lock:
+            print(json.dumps([round(time.time(), 2), *words]), file=self.file, flush=True)
+
+    def _execute(self, robot: str, active: Counter[str], goal: Any) -> Any:
+        """Drive, in a thread of its own."""
+        at, end = goal.request.pose.pose.position, time.monotonic() + DRIVE
+        active[robot] += 1
+        self._write("begun", robot, at.y, round(at.x), active[robot])
+        while not goal.is_cancel_requested and (self.holding or time.monotonic() < end):
+            time.sleep(0.02)
+        outcome = "canceled" if goal.is_cancel_requested else "succeeded"
+        active[robot] -= 1
+        self._write(outcome, robot, at.y, round(at.x))
+        (goal.canceled if goal.is_cancel_requested else goal.succeed)()
+        return self._result()
+
+    def _note(self, request: Any, response: Any) -> Any:
+        self._write("noted", request.robot, request.text)
+        return response
+
+    def spin(self) -> None:
+        """Run for a second."""
+        self._executor.spin_once(1.0)
+
 
 def serve(backend: str, place: str, folder: str) -> None:
     """The process of the other ends on a machine; SIGUSR1: goals do not end any more."""
     messages.register_files(Path(folder) / "types")
     with (Path(folder) / f"effects{place}.jsonl").open("a") as file:
-        servers = Servers(backend, int(place), file)
+        servers = RosServers(int(place), file) if backend == "ros" else Servers(backend, int(place), file)
         signal.signal(signal.SIGUSR1, lambda *_: setattr(servers, "holding", True))
         print("ready", flush=True)
         while os.getppid() != 1:
-            servers.scheduler.run(servers.scheduler.now + SECOND)
+            servers.spin()
+
+
+NAV2 = ROOT / "fame/middleware/interfaces/share/nav2_msgs"
+PACKAGES = {"nav2_msgs": "action/NavigateToPose.action", "trial_msgs": "srv/Note.srv"}
+"""The packages of ROS that the trial needs, and what of each."""
+
+
+def build(folder: Path) -> None:
+    """Build the message packages for rclpy, and source them for the processes that are started from now on."""
+    needed = "geometry_msgs", "builtin_interfaces"
+    found = "".join(
+        f"find_package({name} REQUIRED)\n" for name in ("ament_cmake", "rosidl_default_generators", *needed)
+    )
+    depends = "".join(f"<depend>{name}</depend>" for name in ("action_msgs", *needed))
+    install = folder / "install"
+    for package, file in PACKAGES.items():
+        source, made = folder / "source" / package, folder / "build" / package
+        shutil.copytree((NAV2 if package == "nav2_msgs" else folder / "types" / package), source)
+        head = f"cmake_minimum_required(VERSION 3.16)\nproject({package})"
+        generate = f"rosidl_generate_interfaces({package} {file} DEPENDENCIES {' '.join(needed)})"
+        (source / "CMakeLists.txt").write_text(f"{head}\n{found}{generate}\nament_package()\n")
+        (source / "package.xml").write_text(
+            f'<package format="3"><name>{package}</name><version>0.1.0</version><description>-</description>'
+            '<maintainer email="fame@users.noreply.github.com">-</maintainer><license>Apache-2.0</license>'
+            f"<buildtool_depend>ament_cmake</buildtool_depend>{depends}"
+            "<member_of_group>rosidl_interface_packages</member_of_group></package>"
+        )
+        configure = ["-S", source, "-B", made, f"-DCMAKE_INSTALL_PREFIX={install}"]
+        for words in (configure, ["--build", made, "--target", "install"]):
+            subprocess.run(["cmake", *map(str, words)], check=True, stdout=subprocess.DEVNULL)
+    modules = next(install.rglob("trial_msgs/srv/__init__.py")).parents[2]
+    for name, path in {"AMENT_PREFIX_PATH": install, "LD_LIBRARY_PATH": install / "lib", "PYTHONPATH": modules}.items():
+        os.environ[name] = f"{path}:{os.environ.get(name, '')}"
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
 
 
 # ---- the trial -------------------------------------------------------------------------------------------------------
@@ -170,6 +265,8 @@ class Trial:
         (types / "Note.srv").write_text("string robot\nstring text\n---\n")
         for version in (1, 2):
             (folder / f"team{version}.bpmn").write_text(team(version))
+        if backend == "ros":
+            build(folder)
         self.engines = {robot: self._engine(robot) for robot in ROBOTS}
 
     def _fame(self, place: int, *words: str) -> list[str]:
@@ -300,7 +397,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--loss", type=float, default=0.05)
-    parser.add_argument("--middleware", choices=("dds", "ros"), default="dds")
+    parser.add_argument("--middleware", choices=("dds", "zenoh", "ros"), default="dds")
     parser.add_argument("--keep", type=Path, help="keep effects, logs and states in this new folder")
     given = parser.parse_args()
     with ExitStack() as stack:
