@@ -169,6 +169,13 @@ def test_a_client_gets_the_last_message_of_a_topic_but_no_event_again(server: An
         assert schemas == {topic: CHANNELS[topic] for topic in (EVENTS, GROUND)}
 
 
+def test_what_a_client_sends_wrongly_is_not_printed(server: Any, caplog: pytest.LogCaptureFixture) -> None:
+    with connected(server.address) as client:
+        client.socket.send(json.dumps({"op": "y" * 60_000}))
+        next(got for got in client.socket if "Invalid message" in got)  # it is told
+    assert caplog.messages == []
+
+
 def test_a_topic_of_a_robot_has_one_channel_of_ros(server: Any) -> None:
     numbers = {server.sink.message_channel("/hello", "std_msgs/msg/String", node) for node in ("/a/x", "/b/x")}
     (number,) = numbers

@@ -6,6 +6,7 @@ published once. Events are told as they happen, and not again.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ class FoxgloveServer(Closing):
         import foxglove
         import foxglove.websocket
 
+        # what a client sends wrongly is no news for the operator: it would be printed as a whole
+        logging.getLogger("foxglove.websocket.connected_client").setLevel(logging.CRITICAL)
         listener = {"on_subscribe": staticmethod(self._on_subscribe)}
         self._foxglove, self._context = foxglove, foxglove.Context()
         self._schemas: list[Any] = []
