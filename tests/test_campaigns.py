@@ -25,7 +25,7 @@ from fame.campaign.report import (
     write_reports,
 )
 from fame.campaign.runs import Campaign, Folder, _measured, _Variables, cause_of, run_campaign
-from fame.campaign.variation import Distribution, Variation, points, read_variation
+from fame.campaign.variation import FAULTS, Distribution, Variation, points, read_variation
 from fame.cli import main
 from fame.errors import ConfigError, FameError
 from fame.log import Recording
@@ -162,7 +162,14 @@ def test_each_run_has_its_seed_values_and_measures_and_a_command_that_repeats_it
     assert again["simulated"] == pytest.approx(failed["duration"], abs=1e-6)
 
 
-@pytest.mark.parametrize(("text", "said"), [("Q.far", "Q is none of its robots (P)"), ("P.far +", "measure.far")])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Q.far", "Q is none of its robots (P)"),
+        ("P.far +", "measure.far"),
+        ("1 + 1", "measure.far: expected variables of its robots (P), got 1 + 1"),
+    ],
+)
 def test_a_measure_that_no_run_can_have_is_refused(scenario: Path, text: str, said: str) -> None:
     with pytest.raises(FameError, match=re.escape(said)):
         Campaign(scenario=str(scenario), runs=1, variation=speeds(0.2, 1.2, far=text)).check()
@@ -488,6 +495,22 @@ def test_a_varied_key_that_the_scenario_lacks_is_refused_before_the_first_run(sc
     nowhere = Variation((Distribution("world.robots.REX.at", "uniform", (0, 1)),))
     with pytest.raises(ConfigError, match=r"s\.yaml: world\.robots\.REX\.at: the scenario has no world"):
         Campaign(scenario=str(scenario), runs=1, variation=nowhere).check()
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("NOBODY@4:engine", "unknown robot 'NOBODY' in --fault; robots are: P"),
+        ("P@4", "expected a fault ROBOT@SECOND:KIND, as in REX@40:engine, got 'P@4'"),
+        ("P@4:wing", "wing"),
+    ],
+)
+def test_a_varied_fault_that_no_run_can_have_is_refused_before_the_first_run(
+    scenario: Path, fault: str, said: str
+) -> None:
+    faults = Variation((Distribution(FAULTS, "choice", choices=("none", ["P@4:engine", fault])),))
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        Campaign(scenario=str(scenario), runs=1, variation=faults).check()
 
 
 def test_a_run_that_did_not_end_names_who_waits(tmp_path: Path) -> None:

@@ -256,7 +256,10 @@ class Campaign:
         if paths and Path(self.scenario).suffix.lower() in (".yaml", ".yml"):
             changed(read_document(self.scenario).data, dict.fromkeys(paths), self.scenario)
             Scenario.load(self.scenario, library=self.library, variables=_varied_variables(paths))
-        run = Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None)
+        choices = [choice for one in self.variation.distributions if one.path == FAULTS for choice in one.choices]
+        faults = [parse_fault(text) for choice in choices for text in _fault_texts(choice)]
+        loaded = Scenario.load(self.scenario, duration=self.duration, library=self.library, faults=faults)
+        run = Run(loaded, False, None, None)
         run.close()
         self._check_measures({node.name for node in run.nodes})
 
@@ -268,8 +271,11 @@ class Campaign:
         for name, text in self.variation.measures.items():
             expression, element = Expression(text), f"measure.{name}"
             compile_expression(expression, element=element)
-            for other in sorted(effects_of(expression).reads - robots):
-                raise ConfigError(f"{other} is none of its robots ({', '.join(sorted(robots))})", element=element)
+            read, names = effects_of(expression).reads, ", ".join(sorted(robots))
+            for other in sorted(read - robots):
+                raise ConfigError(f"{other} is none of its robots ({names})", element=element)
+            if not read:
+                raise ConfigError(f"expected variables of its robots ({names}), got {text}", element=element)
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of the scenario, of what it names, and of the models, by file."""
