@@ -171,6 +171,7 @@ def test_something_breaks_on_demand() -> None:
         ({"do": "complete", "robot": "PORTER", "element": "Sign", "value": "[1]"}, "expected results as a JSON object"),
         ({"do": "complete", "robot": "PORTER", "element": "E"}, "E: is not waiting; currently waiting: Sign"),
         ({"do": "speed", "speed": -1}, "expected a speed from 0"),
+        ({"do": "speed", "speed": True}, "expected a speed from 0 (at once) to 1e6, got True"),
         ({"do": "speed", "speed": 10**400}, "expected the parts of the command 'speed'"),
         ({"do": "breakpoint", "element": float("inf"), "on": True}, "expected the parts of the command 'breakpoint'"),
         ({"do": "speed", "speed": "fast"}, "expected the parts of the command 'speed'"),

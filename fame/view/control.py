@@ -43,8 +43,8 @@ _Result = TypeVar("_Result")
 
 def speed_of(given: Any) -> float:
     """Give the speed that a command asks for, in simulated s a second. Raises FameError."""
-    if not 0 <= (speed := float(given)) <= 1e6:
-        raise FameError(f"expected a speed from 0 (at once) to 1e6, got {speed:g}")
+    if isinstance(given, bool) or not 0 <= (speed := float(given)) <= 1e6:
+        raise FameError(f"expected a speed from 0 (at once) to 1e6, got {given!r:.60}")
     return speed
 
 
