@@ -195,7 +195,11 @@ def test_a_report_of_a_fault_has_what_was_found_and_where(
     assert report["environment"]["ROS_DOMAIN_ID"] == "7"
     assert {"lxml", "numpy"} <= report["packages"].keys()
     assert "of mine" not in file.read_text()
-    assert main([*words, "--report", str(tmp_path / "no" / "fault.json")]) == 2
+    assert main([*words, "--report", str(tmp_path)]) == 2
+    key = tmp_path / "team.key"
+    key.write_text("secret")
+    assert main(["doctor", "--key", str(key), "--report", str(key)]) == 2
+    assert key.read_text() == "secret"
 
 
 # ---- the team --------------------------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ from fame.cli.output import note, print_json
 from fame.cli.robots import subscribe_reports
 from fame.errors import NOT_KNOWN, ConfigError, FameError, UnavailableError
 from fame.rooms import install
+from fame.text import writable, write_file
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -90,7 +91,7 @@ def run(arguments: Namespace) -> int:
     findings = []
     reports: dict[str, Report] = {}
     if arguments.report is not None:
-        arguments.report.touch()  # what cannot be written is told before robots are looked for
+        writable(arguments.report, *filter(None, (*arguments.trust, arguments.key)))
     for finding in examine(arguments, reports):
         findings.append(finding)
         if not arguments.json:
@@ -105,7 +106,7 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print_json(found)
     if arguments.report is not None:
-        arguments.report.write_text(json.dumps(fault_report(found, reports), indent=1) + "\n", encoding="utf-8")
+        write_file(arguments.report, json.dumps(fault_report(found, reports), indent=1) + "\n")
         note(f"{arguments.report} is written: read it before you send it, and add the model, and a recording (--log)")
     return code
 
