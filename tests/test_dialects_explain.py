@@ -186,6 +186,8 @@ def test_it_names_each_place_that_semantics_original_changes() -> None:
 
 # ---- the words of a script -------------------------------------------------------------------------------------------
 
+ENV = "const env = this.environment.variables; "
+
 
 @pytest.mark.parametrize(
     ("text", "reads", "writes", "is_open"),
@@ -198,11 +200,33 @@ def test_it_names_each_place_that_semantics_original_changes() -> None:
         ("Object.assign(this.environment.variables, {a: 1})", "", "", True),
         ("const { variables } = this.environment; variables.x = 1", "", "", True),
         ("const env = this.environment.variables; env[name] = 1", "", "", True),
+        (ENV + r"""if (/["'`]/.test(env.a)) { env.b = 1; } env.s = 'x';""", "a", "b s", False),
+        (ENV + r"""env.x = env.a.replace(/[/]\//, ''); env.n = env.m / 2 / 3;""", "a m", "x n", False),
+        (ENV + "env.s = `{ ${JSON.stringify({a: env.x})}`;", "x", "s", False),
+        (ENV + "env.s = `a ${env.x + `b`}`;", "", "s", True),
+        (ENV + "const {a, ...rest} = env;", "", "", True),
+        (ENV + "const {[k]: v} = env;", "", "", True),
+        (ENV + "({a: env.x} = env)", "x", "x", True),
+        (ENV + "const {x = 'a', y: z = 2,} = env;", "x y", "", False),
+        (ENV + "[env.x, env.y] = [env.y, 3]; const [z] = [env.z]; env.l[env.i] = 1;", "x y z l i", "x y", False),
+        (ENV + "({a: env.x, b: [env.y]} = env.z); for ({a: env.k} of []) {}", "x y z k", "x y k", False),
+        (ENV + "for (env.i of []) {} for (env.k in {}) {}", "i k", "i k", False),
+        (ENV + "++env.x; env.y ??= 5; env.z ||= 1; env.w &&= 1; env.v >>>= 1", "x y z w v", "x y z w v", False),
+        (ENV + "(env.x) = 1; if (env.y) next()", "y", "x", False),
+        ("const e$ = this.environment.variables; e$.x = e$.y", "y", "x", False),
+        ("const x = this.environment.variables\n  .x; x.y = 1", "x", "", False),
     ],
 )  # fmt: skip
 def test_the_variables_that_a_script_names_are_known(text: str, reads: str, writes: str, is_open: bool) -> None:
     found = effects_of(Expression(text, "javascript"), script=True)
     assert (found.reads, found.sets, found.open) == (frozenset(reads.split()), frozenset(writes.split()), is_open)
+
+
+def test_a_topic_in_a_comment_is_none_and_a_variable_named_next_is_no_call() -> None:
+    text = "// ros_node.createPublisher('std_msgs/msg/Bool', 'gone')\nn.createPublisher('std_msgs/msg/Bool', 'here')"
+    found = effects_of(Expression(text, "javascript", 10), script=True)
+    assert [(topic.name, topic.line) for topic in found.topics] == [("here", 11)]
+    assert kinds_read(script("this.environment.variables.next = 1;"), "quirk") == [("t", "never calls next()")]
 
 
 # ---- the command -----------------------------------------------------------------------------------------------------

@@ -253,6 +253,8 @@ SETS_IN_JAVASCRIPT = [
     "setTimeout(() => { $x = 2; }, 5); next()",
     "eval('1'); next()",
     "this.environment.variables['x'] = 3; next()",
+    "[$x, $z] = [3, 4]; next()",
+    "($x) = 3; next()",
 ]
 """Scripts after which a variable may have another value."""
 

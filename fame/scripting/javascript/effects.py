@@ -21,15 +21,28 @@ _MADE = re.compile(
     re.VERBOSE,
 )
 _LITERAL = re.compile(
-    r"""//[^\n]* | /\*.*?\*/ | '(?:\\.|[^'\\\n])*' | "(?:\\.|[^"\\\n])*" | `(?:\\.|[^`\\])*`""", re.VERBOSE | re.DOTALL
+    r"""(?P<comment>//[^\n]* | /\*.*?\*/) | '(?:\\.|[^'\\\n])*' | "(?:\\.|[^"\\\n])*" | `(?:\\.|[^`\\])*`
+    | (?P<before>(?:^|[(,=:\[!&|?{};~^%*<>]|(?<!\+)\+|(?<!-)-|\b(?:return|typeof|case|in|of|do|else|void|throw))\s*)
+      /(?![/*]) (?:\\.|\[(?:\\.|[^\]\\\n])*\]|[^/\\\[\n])+ /\w*""",
+    re.VERBOSE | re.DOTALL,
 )
+"""A comment, a string, a template, or a regular expression, which stands `before` what no operand ends."""
 _INSIDE = re.compile(r"\$\{([^{}]*)\}")
+_UNKNOWN = " environment "
+"""In place of what is not understood: it makes the names open."""
 _NAME = r"[^\W\d][\w$]*"
 _BEHIND = r"(?<![\w$])(?:(?:this|\w+)\s*\.\s*)?environment\s*\??\.\s*variables\b"
-_ALIAS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*{_BEHIND}\s*(?=[;,\n}}]|$)")
-_TAKEN = re.compile(rf"\{{([^{{}}]*)\}}\s*=\s*(?:{_BEHIND}|({_NAME}))\s*(?=[;,\n}}]|$)")
-_SET = re.compile(r"\s*(?:=(?![=>])|[-+*/%&|^]=|\*\*=|\|\|=|&&=|\?\?=|<<=|>>=|\+\+|--)")
-_CHANGE = re.compile(r"\s*(?:[-+*/%&|^]=|\*\*=|<<=|>>=|\+\+|--)")
+_OVER = r"\s*(?=[;,}]|\n(?!\s*[.?\[(])|$)"
+_ALIAS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*{_BEHIND}{_OVER}")
+_FIELD = rf"\s*{_NAME}\s*(?::\s*{_NAME}\s*)?(?:=\s*(?:\"\"|-?[\d.]+|true|false|null)\s*)?"
+_TAKEN = re.compile(rf"\{{({_FIELD}(?:,{_FIELD})*,?\s*)\}}\s*=\s*(?:{_BEHIND}|({_NAME})){_OVER}")
+_CHANGES = r"[-+*/%&|^]=|\*\*=|\|\|=|&&=|\?\?=|<<=|>>>?="
+_SET = re.compile(rf"\s*(?:(?:\)\s*)*(?:=(?![=>])|{_CHANGES})|\+\+|--)")
+_CHANGE = re.compile(rf"\s*(?:(?:\)\s*)*(?:{_CHANGES})|\+\+|--)")
+_IN_LOOP = re.compile(r"\bfor\s*(?:await\s*)?\($")
+_BRACKET = re.compile(r"[(\[{}\])]")
+_PATTERN = re.compile(r"(?:^|[;{}(,=:])\s*([\[{])")
+"""Where a pattern may begin that an assignment or a loop takes apart."""
 _NODES = ("ros_node", "node")
 _FUNCTION = re.compile(
     r"\bfunction\b|=>|\bclass\b|\b(?!(?:if|for|while|switch|catch|with)\b)[\w$]+\s*\([^()]*\)\s*\{|\]\s*\("
@@ -123,8 +136,10 @@ class JavaScriptEffects(Effects):
 
     def _endpoints(self) -> Iterator[ScriptTopic]:
         """The endpoints that it creates with literal type and topic."""
-        for made in _MADE.finditer(self.expression.text):
-            line = self.expression.line + self.expression.text.count("\n", 0, made.start())
+        code = self.expression.text
+        text = _LITERAL.sub(lambda found: "\n" * found[0].count("\n") if found["comment"] else found[0], code)
+        for made in _MADE.finditer(text):
+            line = self.expression.line + text.count("\n", 0, made.start())
             yield ScriptTopic(made["name"], _MAKES[made["kind"]], made["type"], line)
 
     @property
@@ -155,36 +170,66 @@ def _is_steady(node: ast.AST) -> bool:
 
 def _search(text: str) -> _Found:
     code = _LITERAL.sub(_without, text)
-    reads, sets = set[str](), set[str]()
+    reads = set[str]()
     aliases = [found[1] for found in _ALIAS.finditer(code)]
     code = _ALIAS.sub("", code)
-    objects = "|".join([_BEHIND, *(rf"(?<![\w$.]){alias}\b" for alias in aliases)])
+    objects = "|".join([_BEHIND, *(rf"(?<![\w$.]){re.escape(alias)}(?![\w$])" for alias in aliases)])
     for found in _TAKEN.finditer(code):
         if found[2] is None or found[2] in aliases:
             reads |= {name.partition(":")[0].partition("=")[0].strip() for name in found[1].split(",")}
     code = _TAKEN.sub(lambda found: "" if found[2] is None or found[2] in aliases else found[0], code)
-    is_open = False
-    for found in re.finditer(rf"(?:{objects})(?:\s*\??\.\s*({_NAME}))?", code):
-        name, after = found[1], code[found.end() :]
-        if name is None:
-            is_open = True
-        elif _SET.match(after) or code[: found.start()].rstrip().endswith(("++", "--", "delete")):
-            sets.add(name)
-            reads |= {name} if _CHANGE.match(after) else set()
-        else:
-            reads.add(name)
+    accessed, sets, is_open = _accesses(code, objects)
+    reads |= accessed
     is_open |= "environment" in re.sub(_BEHIND, "", code)
     functions = _FUNCTION.search(code) is not None
-    plain = _HARMLESS.sub("", re.sub(rf"(?:{objects})\s*\??\.\s*", "$", code))
-    in_place = _IN_PLACE.search(plain) is not None or re.search(r"[\w$\])]\s*`", text) is not None
-    next_called = re.search(r"\bnext\b", code) is not None
+    members = re.sub(rf"(?:{objects})\s*\??\.\s*", "$", code)
+    in_place = _IN_PLACE.search(_HARMLESS.sub("", members)) is not None or re.search(r"[\w$\])]\s*`", text) is not None
+    next_called = re.search(r"(?<![\w$])next\b", members) is not None
     calls = JavaScriptCalls(next_called, "node" in reads, "createSubscription" in code, "destroySubscription" in code)
     reads -= {"", *_NODES}
     return _Found(frozenset(reads), frozenset(sets), is_open, functions, functions or in_place, calls)
 
 
+def _accesses(code: str, objects: str) -> tuple[set[str], set[str], bool]:
+    """The members of `objects` (a pattern) that are read and that are set, and whether others may be."""
+    reads, sets, is_open = set[str](), set[str](), False
+    patterns = _patterns(code)
+    for found in re.finditer(rf"(?:{objects})(?:\s*\??\.\s*({_NAME}))?", code):
+        name, before, after = found[1], code[: found.start()].rstrip(), code[found.end() :]
+        counted = before.endswith(("++", "--"))
+        if name is None:
+            is_open = True
+        elif counted or _SET.match(after) or before.endswith("delete"):
+            sets.add(name)
+            reads |= {name} if counted or _CHANGE.match(after) else set()
+        else:
+            reads.add(name)
+            taken_apart = _IN_LOOP.search(before) or any(found.start() in pattern for pattern in patterns)
+            sets |= {name} if taken_apart else set()
+    return reads, sets, is_open
+
+
 def _without(found: re.Match[str]) -> str:
-    """The replacement of a comment or string literal: a blank, or the expressions of a template."""
+    """The replacement of a comment or literal: a blank, or the expressions of a template."""
+    if found["comment"]:
+        return " "
     if found[0][0] != "`":
-        return '""' if found[0][0] in "'\"" else " "
-    return " ".join(("", *_INSIDE.findall(found[0]), ""))
+        return (found["before"] or "") + '""'
+    if "${" not in _INSIDE.sub("", found[0]):
+        return " ".join(("", *_INSIDE.findall(found[0]), ""))
+    inside = found[0].partition("${")[2]  # braces in braces: what stands between two expressions counts, too
+    return f" {inside[:-1]} " if inside.count("{") + 1 == inside.count("}") else _UNKNOWN
+
+
+def _patterns(code: str) -> list[range]:
+    """Where ``[a, b]`` or ``{x: a}`` stands that is assigned to."""
+    spans = []
+    for begun in _PATTERN.finditer(code):
+        depth = 0
+        for bracket in _BRACKET.finditer(code, begun.start(1)):
+            depth += 1 if bracket[0] in "([{" else -1
+            if not depth:
+                if re.match(r"\s*(?:=(?![=>])|\b(?:of|in)\b)", code[bracket.end() :]):
+                    spans.append(range(begun.start(1), bracket.end()))
+                break
+    return spans
