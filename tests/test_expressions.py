@@ -218,6 +218,40 @@ def test_a_feel_expression_gives(text: str, variables: dict[str, Any], expected:
     assert (result is None) == (expected is None)
 
 
+NUMPY = {"yes": np.bool_(True), "byte": np.uint8(200), "long": np.int64(2**62), "half": np.float16(0.5), "no": {}}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("yes == true", True), ("!yes", False), ("byte + 100", 300), ("long * 4", 2**64), ("half * 3", 1.5)],
+)
+def test_a_scalar_of_numpy_is_a_number_or_truth_value_like_any_other(text: str, expected: Any) -> None:
+    assert (juel(text, **NUMPY), type(juel(text, **NUMPY))) == (expected, type(expected))
+    in_feel = text.replace("==", "=").replace("!yes", "not(yes)")
+    assert feel(in_feel, **NUMPY) == expected
+
+
+@pytest.mark.parametrize("value", [math.nan, [1], {"a": 1}], ids=["nan", "list", "mapping"])
+@pytest.mark.parametrize("text", ["x && true", "x || true", "!x", "x ? 1 : 2"])
+def test_what_is_neither_true_nor_false_decides_nothing(text: str, value: Any) -> None:
+    with pytest.raises(TypeError, match="expected true or false, got"):
+        juel(text, x=value)
+
+
+def test_methods_convert_nothing_and_say_how_many_arguments_they_take() -> None:
+    assert juel("[x.equals('5'), [1, 2].indexOf(true), [1].contains(true), [1, 2].contains(2)]", x=5) == [
+        False, -1, False, True,
+    ]  # fmt: skip
+    for text, message in (
+        ("x.contains()", "`contains` takes one argument"),
+        ("x.size(1)", "`size` takes no arguments"),
+    ):
+        with pytest.raises(ModelError, match=message):
+            juel(text, x=[1])
+    with pytest.raises(TypeError, match="'1_0' is not a number"):
+        juel("x * 2", x="1_0")
+
+
 def test_a_hash_brace_is_as_good_as_a_dollar_brace() -> None:
     assert evaluate("#{x + 1}", "juel", x=1) == 2
 

@@ -54,8 +54,12 @@ def constant(value: Any) -> Evaluate:
 
 
 def checked(value: Any, name: str) -> Any:
-    """Return the value if it is data. Raises TypeError."""
-    if value.__class__ not in PLAIN and (callable(value) or isinstance(value, ModuleType)):
+    """Return the value if it is data, that of a scalar of numpy as Python's own. Raises TypeError."""
+    if value.__class__ in PLAIN:
+        return value
+    if value.__class__.__module__ == "numpy" and getattr(value, "shape", None) == ():
+        return value.tolist()  # its integers overflow without an error, and its truth values are no bool
+    if callable(value) or isinstance(value, ModuleType):
         raise TypeError(f"`{name}` is not data: functions, classes and modules cannot be used here")
     return value
 
@@ -104,7 +108,7 @@ def to_number(value: Any) -> int | float | None:
     if value is None or is_number(value):
         return value  # type: ignore[no-any-return]
     try:
-        text = str(value).strip()
+        text = str(value).strip().replace("_", "no number")  # Python reads 1_000
         return int(text) if text.lstrip("+-").isdecimal() else float(text)
     except ValueError:
         raise TypeError(f"{value!r} is not a number") from None
@@ -172,12 +176,13 @@ def judged(evaluate: Evaluate) -> Evaluate:
 
     def judge(variables: Mapping[str, Any]) -> bool:
         value = evaluate(variables)
-        return value if value is True or value is False else _verdict(value)
+        return value if value is True or value is False else verdict(value)
 
     return judge
 
 
-def _verdict(value: Any) -> bool:
+def verdict(value: Any) -> bool:
+    """Return what a value means as a condition. Raises TypeError where it means neither: NaN, a list, other texts."""
     if isinstance(value, str):
         boolean = _BOOLEANS.get(value.strip().lower())
         if boolean is not None:

@@ -1,8 +1,8 @@
 """The expressions of Camunda 7, ``${...}``: the data side of Jakarta Expression Language 3 (its chapter 1).
 
 A name that is not set is an error, except for ``empty``; a field of null is null. Texts that hold numbers count as
-numbers beside numbers. Unlike there: ``+`` joins texts that are no numbers, and dividing by zero is an error, not
-infinity.
+numbers beside numbers. Unlike there: ``+`` joins texts that are no numbers, an empty text is no number, and dividing
+by zero is an error, not infinity.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any
 
 from fame.scripting.data import (
+    PLAIN,
     Evaluate,
     ExpressionError,
     Parsed,
@@ -27,6 +28,7 @@ from fame.scripting.data import (
     product,
     to_number,
     to_text,
+    verdict,
 )
 from fame.scripting.feel.functions import FUNCTIONS
 from fame.scripting.grammar import (
@@ -49,10 +51,10 @@ OR, AND, EQUAL, ORDER, SUM, PRODUCT, UNARY, PATH = 2, 3, 4, 5, 6, 7, 8, 9
 
 
 def truth(value: Any) -> bool:
-    """EL section 1.23: null and the empty text are false, a text is true if it says so."""
+    """EL section 1.23: null and the empty text are false, a text is true if it says so. Raises TypeError."""
     if isinstance(value, str):
         return value.lower() == "true"
-    return bool(value)
+    return verdict(value) if value.__class__ in PLAIN else bool(value)
 
 
 def equal(left: Any, right: Any) -> bool:
@@ -96,19 +98,24 @@ def item_of(value: Any, key: Any) -> Any:
     return field(value, key)
 
 
-def _place(items: list[Any], item: Any) -> int:
-    return items.index(item) if item in items else -1
+def _same(left: Any, right: Any) -> bool:
+    """``equals`` of Java, which converts nothing."""
+    return isinstance(left, bool) == isinstance(right, bool) and bool(plain(left) == plain(right))
+
+
+def _place(items: Any, item: Any) -> int:
+    return next((place for place, each in enumerate(plain(items)) if _same(each, item)), -1)
 
 
 _METHODS: dict[str, Callable[..., Any]] = {
     "size": len,
     "length": len,
     "isEmpty": is_empty,
-    "contains": lambda value, item: item in plain(value),
+    "contains": lambda value, item: item in value if isinstance(value, str) else _place(value, item) >= 0,
     "containsKey": lambda value, key: key in value,
     "get": item_of,
-    "indexOf": lambda value, item: value.find(item) if isinstance(value, str) else _place(list(plain(value)), item),
-    "equals": equal,
+    "indexOf": lambda value, item: value.find(item) if isinstance(value, str) else _place(value, item),
+    "equals": _same,
     "startsWith": lambda value, part: to_text(value).startswith(part),
     "endsWith": lambda value, part: to_text(value).endswith(part),
     "toLowerCase": lambda value: to_text(value).lower(),
@@ -117,6 +124,8 @@ _METHODS: dict[str, Callable[..., Any]] = {
     "trim": lambda value: to_text(value).strip(),
 }
 """The methods of Java's texts, lists and maps that models call."""
+_BINARY = {"contains", "containsKey", "get", "indexOf", "equals", "startsWith", "endsWith"}
+"""Those that take an argument."""
 
 
 def _comparison(compare: Compare) -> Callable[[Evaluate, Evaluate], Evaluate]:
@@ -191,6 +200,8 @@ def _path(parser: ExpressionParser, left: Evaluate) -> Evaluate:
         if name not in _METHODS:
             raise ExpressionError(f"the method `{name}` cannot be called here; {', '.join(_METHODS)} can", place)
         method, arguments = _METHODS[name], parser.listed(")")
+        if len(arguments) != (name in _BINARY):
+            raise ExpressionError(f"`{name}` takes {'one argument' if name in _BINARY else 'no arguments'}", place)
         return lambda variables: method(left(variables), *[argument(variables) for argument in arguments])
     return lambda variables: field(left(variables), name)
 
