@@ -48,7 +48,7 @@ def test_a_method_that_is_like_none_is_told_with_those_that_there_are() -> None:
     assert found.startswith("t: robot has no 'fly'; it has act, call, ")
 
 
-NOT_REPEATABLE = {
+DOUBTFUL_CALLS = {
     "import time\nx = time.time()": "time.time() is the clock of the computer, not the time of the mission: "
     "use robot.now",
     "from datetime import datetime\nx = datetime.now()": "datetime.datetime.now() is the clock of the computer, not "
@@ -59,12 +59,23 @@ NOT_REPEATABLE = {
     "use robot.random",
     "import numpy as np\nx = float(np.random.default_rng().normal())": "numpy.random.default_rng() without a seed "
     "differs in each run: use robot.random, or give it a seed",
+    "import random\nrandom.seed(a=None)": "random.seed() without a seed differs in each run: use robot.random, or give "
+    "it a seed",
+    "import numpy\nx = numpy.random.Generator(numpy.random.PCG64(None))": "numpy.random.PCG64() without a seed differs "
+    "in each run: use robot.random, or give it a seed",
+    "from time import perf_counter_ns\nx = perf_counter_ns()": "time.perf_counter_ns() is the clock of the computer, "
+    "not the time of the mission: use robot.now",
+    "from time import sleep\nsleep(5)": "time.sleep() blocks the whole robot: use await sleep(...)",
 }
 
 
-@pytest.mark.parametrize(("text", "expected"), NOT_REPEATABLE.items())
-def test_what_a_seed_does_not_repeat_is_a_warning(text: str, expected: str) -> None:
+@pytest.mark.parametrize(("text", "expected"), DOUBTFUL_CALLS.items())
+def test_what_a_seed_does_not_repeat_or_blocks_is_a_warning(text: str, expected: str) -> None:
     assert told(alone(row(script(text)))) == [f"t: {expected}"]
+
+
+def test_a_sleep_in_a_comment_blocks_nothing() -> None:
+    assert told(alone(row(script("# time.sleep(1)\nx = 'time.sleep(1)'")))) == []
 
 
 IMPORTS = "import own_tools.parts as parts\nfrom tools_of_others import cut"

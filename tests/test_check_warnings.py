@@ -212,7 +212,7 @@ WARNINGS = {
     ),
     "a sleep that blocks": (
         row(script("import time\ntime.sleep(1)")),
-        "t: time.sleep blocks the whole robot: use await sleep(...)",
+        "t: time.sleep() blocks the whole robot: use await sleep(...)",
     ),
     "an error that is misspelt where it is caught": (
         row(script("x_goal, y_goal = 1, 1"), call("GoTo", "GoTo")) + caught_at("GoTo", "unreachabel"),
@@ -394,6 +394,15 @@ NOTES = {
     ),
     "a subscription that is made in a sub-process that repeats": (
         row(f'<subProcess id="p">{row(HEAR, mark="2")}<standardLoopCharacteristics/></subProcess>'), AGAIN
+    ),
+    "a subscription in a handler that does not interrupt": (
+        row(script("x = 1", "s1")) + '<subProcess id="h" triggeredByEvent="true">'
+        '<startEvent id="b" isInterrupting="false"><timerEventDefinition><timeCycle>R3/PT1S</timeCycle>'
+        f'</timerEventDefinition></startEvent>{HEAR}{flows("b t")}</subProcess>', AGAIN
+    ),
+    "a subscription behind an event that does not interrupt": (
+        row(script("await sleep(9)", "s1")) + HEAR + flows("w t")
+        + timer("boundaryEvent", "timeCycle", "R3/PT1S", 'attachedToRef="s1" cancelActivity="false"'), AGAIN
     ),
     "a script task without a script": (row('<scriptTask id="t"/>'), "t: has no script: it completes at once"),
     "a plain task": (row('<task id="t"/>'), "t: a plain task does nothing: it completes at once"),

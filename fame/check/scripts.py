@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from fame.bpmn.model import Body, Element, Expression
+from fame.bpmn.model import Body, Element, Event, Expression
 from fame.check.expressions import ExpressionUse, constant, expressions_in
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
@@ -34,26 +34,21 @@ _IN_EXPRESSIONS = {"robot": ("name", "namespace")}
 _OF_ROBOT = {"": re.compile(r"[$#]\{[^{}]*\brobot\.(\w+)"), "feel": re.compile(r"\brobot\.(\w+)")}
 """Where ``robot.name`` occurs in another language than Python: inside ``${...}``, or anywhere in FEEL."""
 
-_BLOCKS = re.compile(r"\btime\.sleep\s*\(")
-
 _CLOCK = "is the clock of the computer, not the time of the mission: use robot."
 _DIFFERS = "differs in each run, also with the same seed: use robot.random"
 _UNSEEDED = "without a seed differs in each run: use robot.random, or give it a seed"
-_NOT_REPEATABLE: Mapping[str, str] = {
-    **dict.fromkeys(("time.time", "time.time_ns", "time.monotonic", "time.monotonic_ns"), f"{_CLOCK}now"),
+_CLOCKS = ("time", "monotonic", "perf_counter", "process_time", "thread_time")
+_DOUBTFUL_CALLS: Mapping[str, str] = {
+    "time.sleep": "blocks the whole robot: use await sleep(...)",
+    **dict.fromkeys((f"time.{name}{unit}" for name in _CLOCKS for unit in ("", "_ns")), f"{_CLOCK}now"),
     **dict.fromkeys((f"datetime.datetime.{name}" for name in ("now", "utcnow", "today")), f"{_CLOCK}date"),
     "datetime.date.today": f"{_CLOCK}date",
     **dict.fromkeys(("uuid.uuid1", "uuid.uuid4", "os.urandom", "random.SystemRandom", "secrets"), _DIFFERS),
 }
-"""Functions whose values a run with the same seed does not repeat, and modules of such functions."""
-_SEEDED = (
-    "numpy.random.default_rng",
-    "numpy.random.RandomState",
-    "numpy.random.seed",
-    "random.Random",
-    "random.seed",
-)
-"""Functions that take a seed: without one it is a new one in each run."""
+"""Functions that block, or whose values a run with the same seed does not repeat; and modules of such functions."""
+_OF_NUMPY = ("default_rng", "RandomState", "seed", "SeedSequence", "MT19937", "PCG64", "PCG64DXSM", "Philox", "SFC64")
+_SEEDED = ("random.Random", "random.seed", *(f"numpy.random.{name}" for name in _OF_NUMPY))
+"""Functions that take a seed: without one, or with None, it is a new one in each run."""
 
 _USES = (ast.Attribute, ast.Subscript, ast.Compare, ast.BinOp, ast.BoolOp, ast.UnaryOp, ast.FormattedValue)
 _USES_TEST = (ast.If, ast.While, ast.IfExp)
@@ -71,11 +66,7 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
             endless = constant(text.expression)[1]
             if endless:
                 yield process.finding("error", f"cannot be computed: {endless}", text.element, text.expression.line)
-        for text in scripts:
-            if _BLOCKS.search(text.expression.text):
-                message = "time.sleep blocks the whole robot: use await sleep(...)"
-                yield process.finding("warning", message, text.element, text.expression.line)
-        yield from _not_repeatable(process, texts)
+        yield from _doubtful_calls(process, texts)
         in_javascript = [text for text in scripts if text.expression.language == "javascript"]
         yield from _without_next(process, in_javascript)
         yield from _piling_up(process, in_javascript)
@@ -161,8 +152,8 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
             yield process.finding("warning", text, element, getattr(node, "lineno", 0))
 
 
-def _not_repeatable(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> Iterator[Finding]:
-    """Calls whose values a run with the same seed does not repeat. What one script imports, all of the process see."""
+def _doubtful_calls(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> Iterator[Finding]:
+    """Calls that block, or that a run with the same seed does not repeat. What one script imports, all others see."""
     parsed = [(text, syntax_tree(text.expression, script=text.use == "script")) for text in texts]
     trees = [(text, tree) for text, tree in parsed if tree is not None]
     imported = {name: path for text, _ in trees for name, path in text.effects.imports.items()}
@@ -172,8 +163,9 @@ def _not_repeatable(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> 
                 continue
             root, dot, rest = _dotted(node.func).partition(".")
             path = imported.get(root, "") + dot + rest
-            problem = _NOT_REPEATABLE.get(path) or _NOT_REPEATABLE.get(path.partition(".")[0])
-            if path in _SEEDED and not (node.args or node.keywords):
+            problem = _DOUBTFUL_CALLS.get(path) or _DOUBTFUL_CALLS.get(path.partition(".")[0])
+            given = [*node.args, *(keyword.value for keyword in node.keywords)]
+            if path in _SEEDED and all(isinstance(one, ast.Constant) and one.value is None for one in given):
                 problem = _UNSEEDED
             if problem is not None:
                 yield process.finding("warning", f"{path}() {problem}", text.element, node.lineno)
@@ -233,8 +225,12 @@ def _piling_up(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iterato
 def _repeated(body: Body, *, around: bool) -> Iterator[str]:
     """The ids of nodes that may run again in one instance; `around`: the whole body may."""
     graph = graph_of(body)
+    events = [node for node in body.nodes if isinstance(node, Event) and not node.interrupting]
+    around |= any(node.place == "start" for node in events)  # of an event sub-process
+    often = graph.reach([node.id for node in events if node.place == "boundary"], set())
     for node in body.nodes:
-        again = around or node.loop is not None or node.id in graph.reach(graph.following[node.id], set())
+        in_a_circle = node.id in graph.reach(graph.following[node.id], set())
+        again = around or in_a_circle or node.loop is not None or node.id in often
         if again:
             yield node.id
         if node.body is not None:
