@@ -455,7 +455,9 @@ def test_sound_models_are_told_nothing_of_guidelines_unless_asked(capsys: pytest
     for words, noted in ([], False), (["--guidelines"], True):
         assert main(["check", model, *words]) == 0
         assert ("(G2)" in capsys.readouterr().out) is noted
-    assert main(["check", model, "--explore", "--guidelines"]) == 2
+    for option in ("--guidelines", "--explain", "--against-graph"):
+        assert main(["check", model, "--explore", option]) == 2
+        assert f"{option} does not go with --explore" in capsys.readouterr().err
     page = (ROOT / "docs" / "checks.md").read_text()
     assert all(f"| G{number} |" in page for number in range(1, 5))
 

@@ -191,6 +191,14 @@ def test_what_is_drawn_is_checked_before_it_is_saved(edit: ModelEdit, model: Pat
     assert model.read_text() == OLD
 
 
+def test_an_error_of_a_called_process_is_an_error_of_what_is_drawn(edit: ModelEdit, model: Path) -> None:
+    (model.parent / "library").mkdir()
+    (model.parent / "library" / "Broken.bpmn").write_text("<definitions>")
+    called = OLD.replace("<scriptTask", '<callActivity id="c" calledElement="Broken"/><scriptTask', 1)
+    (error,) = [one for one in drawn(edit, called, "check")["findings"] if one["level"] == "error"]
+    assert error["text"].partition(": error: ")[2].startswith("not well-formed XML")
+
+
 def test_a_finding_names_the_file_without_its_folder(edit: ModelEdit, model: Path) -> None:
     thrown = OLD.replace("<scriptTask", '<intermediateThrowEvent id="n"><signalEventDefinition id="d" signalRef="go"/>'
                          "</intermediateThrowEvent><scriptTask", 1)  # fmt: skip

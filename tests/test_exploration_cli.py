@@ -192,6 +192,10 @@ def test_warnings_of_the_model_itself_are_counted(tmp_path: Path, capsys: pytest
     path.write_text(text_of({"A": ["run y = never_set"]}))
     assert main(["check", "--explore", str(path)]) == 0
     assert "1 warning of the model itself: fame check" in capsys.readouterr().err
+    scenario = tmp_path / "m.yaml"
+    scenario.write_text("model: m.bpmn\nvariables:\n  A: {never_set: 1}\n")  # which is set then, as fame check knows
+    assert main(["check", "--explore", str(scenario)]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_no_code_of_a_model_is_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from fame.cli.migration import Migration
 from fame.config.loader import read_document
 from fame.deploy.migration import read_plan, write_plan
 from fame.deploy.sender_protocol import HOLDING
-from fame.errors import ConfigError
+from fame.errors import ConfigError, UnavailableError
 from fame.scenario.explore import exploration
 from fame.scenario.explore.exploration import explore_migrated
 
@@ -202,6 +202,18 @@ def test_force_overrides_what_the_exploration_finds_and_the_logs_say_so(
     assert f"overridden by --force: {forced.findings()[0]['text']}" in capsys.readouterr().err
     reports = [event.detail for event in said if event.what == "report"]
     assert any("by ann@desk (unverified), whatever the exploration finds (--force)" in text for text in reports)
+
+
+def test_force_says_what_could_not_be_explored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def unable(*_: object, **__: object) -> None:
+        raise UnavailableError("the room explore is not installed")
+
+    monkeypatch.setattr("fame.cli.migration.load", lambda place: unable)
+    assert asked(tmp_path, EARLY)._approve({}, {}) == "the room explore is not installed (--force overrides)"
+    assert asked(tmp_path, EARLY, "--force")._approve({}, {}) == ""
+    assert "overridden by --force: the room explore is not installed" in capsys.readouterr().err
 
 
 def test_a_migration_that_is_not_explored_whole_is_not_known_to_be_fine(

@@ -4,11 +4,13 @@ import json
 from dataclasses import replace
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from deployment_field import TEAM, Field
 
 from fame.cli.output import LiveTable, table
 from fame.cli.robots import rows, silences
 from fame.deploy import Report
+from fame.deploy.envelope import read_report
 from fame.text import printable
 from fame.version import PROTOCOL
 
@@ -76,6 +78,17 @@ def test_a_failed_instance_is_told_beside_the_tokens_of_those_that_run():
         error="gripper broken",
     )
     assert [row[6] for row in rows("A", report)] == ["", "1 of 3 instances failed: gripper broken"]
+
+
+@pytest.mark.parametrize("key", [None, Ed25519PrivateKey.generate()], ids=["plain", "signed"])
+def test_a_robot_that_fails_with_a_long_text_is_still_heard(key):
+    """Nobody accepts a report of more than a million characters."""
+    text = "x" * 900_000
+    report = Report(robot="REX", state="failed", error=text, errors=[{"code": "lost", "line": 3, "text": text}])
+    heard = read_report(report.to_json(key))
+    assert (heard.state, heard.error, heard.errors[0]["line"]) == ("failed", "x" * 997 + "...", 3)
+    assert bool(heard.signature) == bool(key)
+    assert read_report(replace(report, errors=[]).to_json(key)).error == text
 
 
 def test_silent_are_those_who_are_missed_or_there_without_a_word():

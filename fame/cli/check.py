@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from fame.check.contract import ContractEndpoint
 
 _LEVELS = ("error", "warning", "note")
+_NOT_EXPLORED = ("guidelines", "explain", "against_graph")
+"""Options of other looks at a model than at its runs."""
 _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json",
              "fame check examples/delivery.yaml", "fame check --explain foreign.bpmn",
              "fame check --against-graph examples/warehouse.yaml",
@@ -80,17 +82,11 @@ def run(arguments: Namespace) -> int:
     if arguments.explore:
         return _explore(arguments)
     arguments.unexplored(arguments)
-    from fame.check import check, parts_of_one_mission, summary
+    from fame.check import summary
     from fame.check.explain import readings
 
-    files = [_read(path, arguments.library) for path in dict.fromkeys(arguments.models)]
-    models = [file.model for file in files if file.model is not None]
-    teams = {id(model): team for team in parts_of_one_mission(models) for model in team}
+    files = _checked(arguments)
     for file in files:
-        if file.model is not None:
-            team = teams[id(file.model)]
-            options = {"strict": arguments.strict, "guidelines": arguments.guidelines, **file.given}
-            file.found += check(file.model, library=file.library, team=team, **options)
         if file.scenario is not None and not _failed(file.found):
             from fame.scenario.scenario import scenario_findings
 
@@ -118,6 +114,20 @@ def run(arguments: Namespace) -> int:
     return 1 if failed else 0
 
 
+def _checked(arguments: Namespace) -> list[_File]:
+    """Read every file, and check its model, that of one pool together with those of the same mission."""
+    from fame.check import check, parts_of_one_mission
+
+    files = [_read(path, arguments.library) for path in dict.fromkeys(arguments.models)]
+    models = [file.model for file in files if file.model is not None]
+    teams = {id(model): team for team in parts_of_one_mission(models) for model in team}
+    for file in files:
+        if file.model is not None:
+            options = {"strict": arguments.strict, "guidelines": arguments.guidelines, **file.given}
+            file.found += check(file.model, library=file.library, team=teams[id(file.model)], **options)
+    return files
+
+
 def _contract(model: Definitions, library: Library) -> list[ContractEndpoint]:
     """The contract of a model; empty if an error of the model prevents it, which is reported elsewhere."""
     from fame.check.contract import contract_of
@@ -142,17 +152,15 @@ def _compare(files: Sequence[_File], arguments: Namespace) -> None:
 
 def _explore(arguments: Namespace) -> int:
     """Explore files that have no errors."""
-    from fame.check import check, summary
+    from fame.check import summary
 
     explore = load(EXPLORE_RUN)
-    if arguments.guidelines:
-        raise ConfigError("--guidelines does not go with --explore, which looks at runs, not at the drawing")
-    for path in dict.fromkeys(arguments.models):
-        if str(path) == "-":
-            raise ConfigError("--explore needs files, not stdin")
-        file = _read(path, arguments.library)
-        if file.model is not None:
-            file.found += check(file.model, library=file.library)
+    for name in _NOT_EXPLORED:
+        if getattr(arguments, name):
+            raise ConfigError(f"--{name.replace('_', '-')} does not go with --explore: run fame check twice")
+    if Path("-") in arguments.models:
+        raise ConfigError("--explore needs files, not stdin")
+    for path, file in zip(dict.fromkeys(arguments.models), _checked(arguments), strict=True):
         if errors := [finding for finding in file.found if finding.level == "error"]:
             for finding in errors:
                 print(coloured(str(finding), sys.stderr), file=sys.stderr)

@@ -87,18 +87,20 @@ class Migration:
         """Explore the state that the robots would have. Called in a thread, while they are held."""
         try:
             result = load(EXPLORE_MIGRATED)(self._definitions, self._library, pools, foreseen)
-        except FameError as error:
+        except FameError as error:  # nothing is explored
             self._partial = not self._force
-            return "" if self._force else f"{error} (--force overrides)"
+            return self._overridable(str(error), "--force overrides")
         note(f"the migrated state: {result.summary()}")
         self._found = [one for one in result.findings if one.level == "error"]
         reason: str = load(EXPLORE_OBJECTION)(result, partial=self._force or self._allow_partial)
+        self._partial = bool(reason) and not self._force and not self._found
+        return self._overridable(reason, "--force overrides" if self._found else "--allow-partial or --force overrides")
+
+    def _overridable(self, reason: str, options: str) -> str:
+        """Return why the migration is refused, with the options that override it; empty if --force does."""
         if reason and self._force:
             note(f"overridden by --force: {reason}")
-        if not reason or self._force:
-            return ""
-        self._partial = not self._found
-        return f"{reason} ({'--force overrides' if self._found else '--allow-partial or --force overrides'})"
+        return f"{reason} ({options})" if reason and not self._force else ""
 
     def status(self, deployment: Deployment) -> str:
         """``completed``; ``failed``; ``partial`` if it failed since the migrated state could not be explored whole."""

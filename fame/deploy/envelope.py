@@ -31,6 +31,8 @@ PLAIN = "plain-"
 """Prefix of the deployment id of a bare model, whose sender waits for no answer."""
 SIZE, _LONGEST = 20_000_000, 1_000_000
 """The longest envelope or bare model, and the longest report, that is accepted (characters)."""
+_SIGNATURE, _SHORT = 1_000, 1_000
+"""Room for the signature of a report, and the longest text in one that is shortened (characters)."""
 AHEAD = 366 * 86_400.0
 """How far a sequence may be ahead of the robot's clock (s). A sender takes a number above all that its robots have
 seen: one from the far future would leave no numbers for later ones. The margin is for clocks that are wrong."""
@@ -269,13 +271,20 @@ class Report:
         return ": ".join(filter(None, (f"{self.failed} of {self.started} instances failed", self.error)))
 
     def to_json(self, key: Any = None) -> str:
-        """Return the JSON text that is sent, signed with a private key if one is given."""
+        """Return the JSON text that is sent, signed with a private key if one is given.
+
+        Of a report that nobody would accept, because a script has failed with a long text, all texts are shortened.
+        """
         content = fields.values(self)
+        text = json_bytes(content)
+        if len(text) > _LONGEST - _SIGNATURE:
+            content = fields.shortened(content, _SHORT)
+            text = json_bytes(content)
         if key is not None:
             from fame.deploy.signing import sign
 
-            content["signature"] = sign(content, key)
-        return json_bytes(content).decode()
+            text = json_bytes({**content, "signature": sign(content, key)})
+        return text.decode()
 
     @classmethod
     def from_json(cls, text: str) -> Report | None:

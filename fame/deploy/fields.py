@@ -32,6 +32,15 @@ def values(message: Any) -> dict[str, Any]:
     return data
 
 
+def shortened(value: Any, longest: int) -> Any:
+    """Return JSON with the same objects and lists, and only the beginning of texts that are longer than `longest`."""
+    if isinstance(value, str):
+        return value if len(value) <= longest else f"{value[: longest - 3]}..."
+    if isinstance(value, Mapping):
+        return {shortened(name, longest): shortened(item, longest) for name, item in value.items()}
+    return [shortened(item, longest) for item in value] if isinstance(value, list | tuple) else value
+
+
 def later(default: Any) -> Any:
     """Return a field that protocol 1 does not have; its `default` means what messages without it mean."""
     return field(default=default, metadata={"later": default})

@@ -243,9 +243,10 @@ class ModelEdit(ModelWatch):
         return [one for some in made.values() for one in some]
 
     def _findings(self, content: bytes, window: str) -> list[Finding]:
-        """The findings of what is drawn, those of the file alone."""
+        """The findings of what is drawn, of other files only the errors: with those nothing can be executed."""
+        file = str(self.model)
         try:
-            model, now = read_bytes(content, file=str(self.model)), self._now
+            model, now = read_bytes(content, file=file), self._now
             given = known_to_check(now.scenario, model) if now.scenario is not None else {}
             completer = Completer(model, now.library, self._robot_topics, given.get("given", {}))
             _keep(self._completers, window, completer, self.windows)
@@ -253,7 +254,8 @@ class ModelEdit(ModelWatch):
             found = check(model, library=now.library, bodies=bodies, **given)
         except ModelError as error:
             found = [of_error(error)]
-        return [one for one in found if one.file == str(self.model)]
+        elsewhere = [Finding("error", str(one), file) for one in found if one.file != file and one.level == "error"]
+        return [*elsewhere, *(one for one in found if one.file == file)]
 
     def _saved(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
         if command.get("hash") != _hash(old):
