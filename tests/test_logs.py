@@ -297,6 +297,24 @@ def test_a_failure_is_told_by_the_error_that_nothing_caught(tmp_path: Path) -> N
     assert failure == (0.0, "robot", "A_script_10", "script")
 
 
+def test_a_failure_without_a_mark_of_its_own_is_not_told_by_an_error_that_was_caught(tmp_path: Path) -> None:
+    """As one without end of moves, behind the boundary event of a task."""
+    steps = {"A": [("guard", ["run raise BpmnError('c')"], "error c", ["run y = 1"])]}
+    definitions = read_text(text_of(steps), file="guard.bpmn")
+    with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
+        fame.Simulation(definitions, observer=write).run()
+    log = (tmp_path / "run.jsonl").read_text()
+    (tmp_path / "run.jsonl").write_text(log.replace('"end", "detail": "completed"', '"end", "detail": "failed"'))
+    assert run_outcomes(tmp_path / "run.jsonl", definitions).failures == [(0.0, "robot", "P_A", "")]
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv"])
+def test_the_path_of_an_empty_log_is_not_drawn(ending: str, tmp_path: Path) -> None:
+    (tmp_path / f"run.{ending}").touch()
+    with pytest.raises(ConfigError, match="is empty: there is no run in it"):
+        run_outcomes(tmp_path / f"run.{ending}", read_text(SMALL, file="patrol.bpmn"))
+
+
 def test_the_path_of_a_robot_begins_with_its_first_step(tmp_path: Path) -> None:
     row = {"instance": 1, "scope": 1, "element": "patrol", "what": "start"}
     rows = [json.dumps({"time": time, "robot": robot} | row) for time, robot in ((5, "REX"), (7, "DINGO"))]

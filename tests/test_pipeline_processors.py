@@ -1,5 +1,7 @@
 """Processors: what each computes, and that it does not depend on how samples are cut into calls."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -273,6 +275,33 @@ def test_numbers_beyond_every_float_are_refused_as_any_other_that_does_not_fit()
 def test_what_is_no_formula_is_refused_before_anything_runs(formula: str) -> None:
     with pytest.raises(ConfigError, match="expected a formula"):
         Expression(formula=formula)
+
+
+def test_the_channels_of_an_estimator_are_matched_by_name_and_its_result_has_a_value_for_each_sample() -> None:
+    import pandas
+    from sklearn.linear_model import LinearRegression
+    from sklearn.multioutput import MultiOutputClassifier
+    from sklearn.preprocessing import OneHotEncoder
+    from sklearn.tree import DecisionTreeClassifier
+
+    table = pandas.DataFrame({"a": [0.0, 1.0, 0.0], "b": [0.0, 0.0, 1.0]})
+    line = Estimator(LinearRegression().fit(table, [0.0, 10.0, 1.0]))
+    said: list[str] = []
+    line.report = said.append
+
+    def value(estimator: Estimator, *names: str) -> Any:
+        return run([estimator], {"x": Samples(np.array([[1.0, 0.0]]), np.zeros(1), names)})["value"].values
+
+    assert value(line, "a", "b") == pytest.approx(10)
+    assert value(line, "b", "a") == pytest.approx(1)
+    assert not said
+    assert value(line, "c", "d") == pytest.approx(10)
+    assert said == ["the features are a, b, the channels have other names: taken in order"]
+    sparse = Estimator(OneHotEncoder().fit(table.values), method="transform")
+    assert value(sparse).tolist() == [[0, 1, 1, 0]]
+    two = MultiOutputClassifier(DecisionTreeClassifier()).fit(table.values, [[0, 1], [1, 0], [1, 1]])
+    with pytest.raises(ValueError, match=r"expected a value for each of 1 samples, got an array of shape \(2, 1, 2\)"):
+        value(Estimator(two, method="predict_proba"))
 
 
 def test_what_an_estimator_or_a_formula_cannot_do_is_refused_while_they_run_and_nothing_changes() -> None:

@@ -82,6 +82,7 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
     instances: dict[tuple[str, str], _Instance] = {}
     seconds: list[float] = []
     violations: list[tuple[float, str, str, str]] = []
+    row: _Row = {}
     with rows_of(path) as rows:
         for row in rows:
             text = str(row.get("detail") or "")
@@ -95,6 +96,8 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
             instances.setdefault(key, _Instance()).add(
                 str(row["scope"]), row["element"], row["what"], float(row["time"]), str(row.get("detail") or "")
             )
+    if not row:
+        raise ConfigError("is empty: there is no run in it", file=str(path))
     there = sorted({robot for robot, _ in instances})
     for robot in robots:
         if robot not in there:
@@ -133,8 +136,8 @@ class _Instance:
     failure: tuple[float, str, str] | None = None
 
     def add(self, scope: str, element: str, what: str, second: float, detail: str) -> None:
-        if what == "fail":  # each error has one mark, where it is raised
-            self.failing = second, element, detail
+        if what != "cancel":  # a token that moves on after an error: it was caught
+            self.failing = (second, element, detail) if what == "fail" else self.failing if what == "end" else None
         if what == "start":
             self.process, self.root = element, scope
         elif what == "end":

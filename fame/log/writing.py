@@ -185,7 +185,7 @@ def _opened(path: Path) -> _File:
     """Open a file for appending, with its folders, and lock it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = _File(path, "ab", opener=lambda name, flags: os.open(name, flags, 0o644))  # whatever the umask is
+        file = _File(path, "ab", opener=lambda name, flags: os.open(name, flags, 0o644))  # no others write
     except FileExistsError:
         raise ConfigError(f"cannot be written: {path.parent} is not a folder", file=str(path)) from None
     except OSError as error:

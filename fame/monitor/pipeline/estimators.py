@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -60,7 +61,6 @@ class Autoencoder(Processor):
         self.trained = model if isinstance(model, TrainedModel) else TrainedModel.load(model)
         self.model = "" if isinstance(model, TrainedModel) else str(model)
         self._windower = Windower()
-        self._order: dict[tuple[str, ...], list[int]] = {}
         self._begun = self._last = np.inf
         detector = phases_of(self.trained.detector)
         self._finder = RunFinder(detector, self.trained, self.stride / self.trained.rate) if detector else None
@@ -81,10 +81,10 @@ class Autoencoder(Processor):
         return bool(self.trained.elements)
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        samples = self._channels(stacked(inputs))
+        samples, trained = stacked(inputs), self.trained
         if not len(samples):
             return None
-        trained = self.trained
+        samples = _in_order(samples, trained.columns)
         begins = self._begins(samples.stamps)
         windows = self._windower.feed(samples, trained.window, self.stride, trained.rate, self._not_judged)
         if not len(windows):
@@ -149,20 +149,17 @@ class Autoencoder(Processor):
         self._begun, self._last = float(begins[-1]), float(stamps[-1])
         return begins
 
-    def _channels(self, samples: Samples) -> Samples:
-        """Return the channels in the order of the model. Raises ValueError if it was trained on others."""
-        columns, names = self.trained.columns, samples.names
-        values = samples.channels() if len(samples) else samples.values
-        if len(samples) and values.shape[1] != len(columns) and not set(columns) <= set(names):
-            found = ", ".join(names) or f"{values.shape[1]} channels"
-            raise ValueError(f"the model was trained on {', '.join(columns)}; the data are {found}")
-        if not len(samples) or names == columns or not _named(names):
-            return samples.replace(values=values, names=columns)
-        if names not in self._order:
-            if not set(columns) <= set(names):
-                raise ValueError(f"the model was trained on {', '.join(columns)}; the data are {', '.join(names)}")
-            self._order[names] = [names.index(column) for column in columns]
-        return samples.replace(values=values[:, self._order[names]], names=columns)
+
+def _in_order(samples: Samples, columns: tuple[str, ...]) -> Samples:
+    """Return the channels in the order of the columns, by name if they have any. Raises ValueError for others."""
+    values, names = samples.channels(), samples.names
+    if names != columns and _named(names):
+        if not set(columns) <= set(names) or len(set(names)) < len(names):
+            raise ValueError(f"the model was trained on {', '.join(columns)}; the data are {', '.join(names)}")
+        values = values[:, [names.index(column) for column in columns]]
+    elif values.shape[1] != len(columns):
+        raise ValueError(f"the model was trained on {', '.join(columns)}; the data are {values.shape[1]} channels")
+    return samples.replace(values=values, names=columns)
 
 
 def _named(names: tuple[str, ...]) -> bool:
@@ -174,6 +171,7 @@ class Estimator(Processor):
     """Applies an estimator or transformer of scikit-learn to each sample, or to each window of samples.
 
     The file is one that skops stored. With a window, its samples and channels are the features, sample by sample.
+    Without one, channels are matched by name to the features of an estimator that knows all of their names.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -216,6 +214,11 @@ class Estimator(Processor):
         samples = stacked(inputs)
         if not len(samples):
             return None
+        names = tuple(getattr(self.estimator, "feature_names_in_", ())) if self.window == 1 else ()
+        if names and set(names) <= set(samples.names):
+            samples = _in_order(samples, names)
+        elif names:
+            self.report(f"the features are {', '.join(names)}, the channels have other names: taken in order")
         samples = samples.replace(values=samples.channels())
         windows = self._windower.feed(samples, self.window, self.stride, 0.0, self.report)
         if not len(windows):
@@ -224,7 +227,15 @@ class Estimator(Processor):
         expected = getattr(self.estimator, "n_features_in_", features.shape[1])
         if features.shape[1] != expected:
             raise ValueError(f"the estimator was trained on {expected} features; the data are {features.shape[1]}")
-        return {"value": Samples(np.asarray(getattr(self.estimator, self.method)(features)), windows.stamps)}
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "X does not have valid feature names")  # an array has none
+            result = getattr(self.estimator, self.method)(features)
+        values = np.asarray(result.toarray() if hasattr(result, "toarray") else result)  # of a sparse matrix
+        if len(values) != len(windows):
+            raise ValueError(
+                f"expected a value for each of {len(windows)} samples, got an array of shape {values.shape}"
+            )
+        return {"value": Samples(values, windows.stamps)}
 
 
 def load_estimator(path: str | Path) -> Any:
