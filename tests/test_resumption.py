@@ -22,6 +22,7 @@ from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.options import DeploymentOptions
 from fame.deploy.requests import AbortClient, TaskClient, TaskRequest
+from fame.deploy.resumed_mission import ResumedMission
 from fame.deploy.sender import Sender
 from fame.engine import Engine
 from fame.errors import ConfigError
@@ -615,6 +616,66 @@ def test_repairs_that_are_not_possible_are_refused(holding: Durable) -> None:
     assert any("nowhere: is not in the scope of a" in report.reason for report in holding.said)
     request(holding, act="fly", element="a")
     assert any(report.answer == "refused" and "no task, expected" in report.reason for report in holding.said)
+
+
+def asked(field: Durable, id: str, element: str = "u", **parts: Any) -> tuple[str, str]:
+    """Somebody asks the robot, perhaps again: the answer and its reason."""
+    field.said.clear()
+    text = TaskRequest(id=id, element=element, **parts).to_json()
+    field.person.publisher("/A/bpmn_task", STRING).publish(messages.create(STRING, text))
+    field.pass_time(1)
+    (found,) = {(report.answer, report.reason) for report in field.said if report.deployment == id}
+    return found
+
+
+ROUNDS = MISSION.replace('<userTask id="u"/>', '<userTask id="u"/><sequenceFlow id="uu" sourceRef="u" targetRef="u"/>')
+"""`MISSION`, whose user task waits again when it is done."""
+
+
+@pytest.mark.parametrize("after", ["", "a deployment", "a deployment while it is loading", "no memory"])
+def test_what_was_asked_before_a_crash_is_answered_as_before_and_not_done_again(
+    field: Durable, monkeypatch: pytest.MonkeyPatch, after: str
+) -> None:
+    field.deploy(ROUNDS)
+    early = asked(field, "early")
+    publish_go(field)
+    answers = [early, asked(field, "one", values={"n": 1}), asked(field, "set", "", act="set", values={"m": 1})]
+    assert [answer for answer, _ in answers] == ["refused", "completed", "set"]
+    if after == "no memory":
+        with monkeypatch.context() as patched:
+            patched.setattr(Engine, "run", no_memory)
+            request(field, element="u")
+        field.pass_time(3)
+    elif after == "a deployment while it is loading":
+        field.crash()
+        monkeypatch.setattr(ResumedMission, "resume", lambda self: None)
+        field.start()
+    else:
+        end_engine(field, in_order=False)
+    if "deployment" in after:
+        field.deploy(ROUNDS, "d2", 2)
+        publish_go(field)
+    assert [asked(field, "early"), asked(field, "one", values={"n": 1}), asked(field, "set", "", act="set")] == answers
+    (instance,) = [one for one in field.engine.running.instances if one.status == "running"]
+    assert instance.visits["u"] == (1 if "deployment" not in after else 0)
+    assert asked(field, "two") == ("completed", "")
+
+
+def test_an_answer_is_in_the_record_of_what_was_done(field: Durable) -> None:
+    field.deploy(ROUNDS)
+    publish_go(field)
+    asked(field, "one", values={"n": 1})
+    found = [record.get("set", {}) for record in field.engine._keeper.directory.read().records()]
+    assert [set["answers"] for set in found if "0 n" in set.get("values", {})] == [{"one": ["completed", "", ""]}]
+
+
+def test_the_oldest_answers_are_forgotten_on_the_disk_too(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.deploy.requests._ANSWERS", 2)
+    field.deploy(MISSION)
+    for id in ("one", "two", "three"):
+        asked(field, id, "", act="note", to="hello")
+    end_engine(field, in_order=False)
+    assert list(field.engine._keeper.answers) == ["two", "three"]
 
 
 def test_after_a_migration_it_resumes_the_new_model(field: Durable) -> None:

@@ -199,6 +199,7 @@ class EngineNode:
             refuse=self._refuse_task,
             resuming=lambda: self.resuming,
             now=lambda: self.scheduler.now / SECOND,
+            answers={} if self._keeper is None else self._keeper.answers,
         )
         if self._options.recordings is not None:
             LogServer(self.node, self.robot, self._options.recordings, self._verifier.verify_request)
@@ -206,12 +207,13 @@ class EngineNode:
         self.status.begin()
 
     def _answer_task(self, answer: str, id: str, reason: str = "", *, cause: str = "") -> None:
-        """Answer a request once what it did is on the disk, or say that it is not."""
-        recorder = self.running.host.recorder if self.running is not None and answer != "refused" else None
-        if recorder is not None and self._trouble:
+        """Answer a request once what it did is on the disk, and the answer with it; or say that it is not."""
+        stored = self._keeper is not None and id in self._keeper.answers
+        recorder = self.running.host.recorder if self.running is not None and stored else None
+        if recorder is not None and self._trouble and answer != "refused":
             lost = f"it is lost in a crash before its state can be written: {self._trouble}"
             self.status.publish(answer, id, "; ".join(filter(None, (reason, lost))), cause=cause)
-        elif recorder is not None:
+        elif recorder is not None and not self._trouble:
             recorder.once_written(partial(self.status.publish, answer, id, reason, cause=cause))
         else:
             self.status.publish(answer, id, reason, cause=cause)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
@@ -109,7 +110,8 @@ def read_request(text: str) -> TaskRequest:
 
 class TaskServer:
     """The robot's end. `running` gives its node, `report` publishes (answer, id of the request, reason,
-    and the cause of a refusal by keyword).
+    and the cause of a refusal by keyword). `answers` are those of before, by id, oldest first; an engine with a state
+    stores them in the record of what they did.
 
     `check` raises DeploymentError for a request that no trusted key signed, and returns the fingerprint of the key, if
     there is one. `refuse` raises it for a request that cannot be met now: once refused, it is not carried out when it
@@ -127,10 +129,12 @@ class TaskServer:
         refuse: Callable[[TaskRequest], object] = lambda request: None,
         resuming: Callable[[], bool] = lambda: False,
         now: Callable[[], float],
+        answers: dict[str, Any],
     ) -> None:
         self._running, self._report, self._check, self._now = running, report, check, now
         self._refuse, self._resuming = refuse, resuming
-        self._answers: dict[str, tuple[str, str, str, float]] = {}  # the oldest first, and until when each stays
+        self._answers = answers
+        self._until: dict[str, float] = {}  # when those that were signed may be forgotten (s)
         self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
         self._end.max_size = SIZE
         self._end.on_dropped = lambda warning: report("refused", "", str(warning), cause=warning.kind)
@@ -152,12 +156,22 @@ class TaskServer:
             return
         if self._resuming():
             return  # it is asked again
-        now = self._now()
-        answer, reason, cause, until = self._answers.get(request.id) or (*self._answer(request, signer), 0.0)
-        self._answers[request.id] = answer, reason, cause, now + _REPLAYED if signer else until
-        for old in [id for id, (*_, until) in self._answers.items() if until <= now][:-_ANSWERS]:
-            del self._answers[old]
+        if signer:
+            self._until[request.id] = self._now() + _REPLAYED
+        if request.id not in self._answers:
+            node = self._running()
+            recorder = node.host.recorder if node is not None else None
+            with nullcontext() if recorder is None else recorder.at_once():
+                self._answers[request.id] = list(self._answer(request, signer))
+                self._forget_oldest()
+        answer, reason, cause = self._answers[request.id]
         self._report(answer, request.id, reason, cause=cause)
+
+    def _forget_oldest(self) -> None:
+        now = self._now()
+        for old in [id for id in self._answers if self._until.get(id, 0.0) <= now][:-_ANSWERS]:
+            del self._answers[old]
+            self._until.pop(old, None)
 
     def _answer(self, request: TaskRequest, signer: str) -> tuple[str, str, str]:
         """Do what is requested, if that is possible now. Returns answer, reason, and the cause of a refusal."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import suppress
-from functools import partial
+from functools import partial, reduce
 from hashlib import sha256
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fame.robot import RobotNode
     from fame.robot.durable import DurableRecorder
     from fame.robot.journal import SegmentContents, StateDirectory
+    from fame.robot.state_tables import Tables
 
 _ENVELOPE, _PROMISE = "deployment-", "promise"
 _UNREADABLE = b"lost\n"
@@ -61,6 +62,8 @@ class StateKeeper:
     ) -> None:
         self.directory: StateDirectory = directory
         self.recorder: DurableRecorder | None = None
+        self.answers: dict[str, Any] = {}  # to requests of people: see `fame.deploy.requests.TaskServer`
+        self._unread: SegmentContents | None = None  # the journal of which that has not been read yet
         self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
         self._names: dict[str, str] = {}  # of the files of deployments, by their ids
         self._lost = ""  # why others that were there cannot be read
@@ -80,7 +83,15 @@ class StateKeeper:
         header, file = contents.header, str(contents.path)
         if header.get("robot") != self._robot:
             raise ConfigError(f"is the state of robot {header.get('robot')!r}, not of {self._robot!r}", file=file)
+        self._unread = contents
         return StoredMission(self._envelope(header, trusted), contents)
+
+    def _take_answers(self, tables: Tables) -> None:
+        """Know the stored answers, and what was refused since: the rest of what is not on the disk is not done."""
+        self._unread = None
+        refused = {id: answer for id, answer in self.answers.items() if answer[0] == "refused"}
+        self.answers.clear()
+        self.answers.update({**tables.get("answers", {}), **refused})
 
     def before(self, runs: Envelope, trusted: Sequence[Any]) -> list[Envelope]:
         """Return what was started before that which `runs`, as far as it can be read and verified, oldest first."""
@@ -197,8 +208,13 @@ class StateKeeper:
         from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
         from fame.robot.restoring import description
+        from fame.robot.state_tables import fold
 
         self.stop()
+        if (unread := self._unread) is not None:  # what ran before is replaced before it could go on
+            self._unread = None
+            with suppress(ConfigError):  # its directory may be gone
+                self._take_answers(reduce(fold, unread.records(), {}))
         data = _text(envelope)
         key = sha256(data).hexdigest()
         name = f"{_ENVELOPE}{key[:16]}"
@@ -211,7 +227,7 @@ class StateKeeper:
             "envelope_hash": key,
         }
         journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
-        self.recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
+        self.recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble, answers=self.answers)
         self._names[envelope.deployment] = name
         kept = {name, *(self._names.get(one.deployment, "") for one in before)}
         clean = partial(self._remove_all_but, kept, envelope.order)
@@ -247,7 +263,8 @@ class StateKeeper:
         except OSError as error:
             raise ConfigError(f"cannot be written: {error.strerror}", file=str(stored.contents.path)) from None
         journal.header = {**journal.header, **description(process.engine.program)}  # of the segments that follow
-        self.recorder = recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble)
+        self._take_answers(tables)
+        self.recorder = recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble, answers=self.answers)
         name = str(stored.contents.header["envelope"])
         recorder.anew = partial(self._write_anew, name, self._read_file(name) or b"")
 

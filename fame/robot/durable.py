@@ -70,6 +70,7 @@ class DurableRecorder:
     """Records one robot's engine in a journal, and holds its effects until they are on the disk.
 
     on_trouble  called with the reason when the journal cannot be written, and with an empty text when it can again
+    answers     to requests of people; what is new in it is recorded at the end of `at_once`
     anew        writes what belongs to the journal besides, into a directory that has taken the place of the old one
     """
 
@@ -77,9 +78,15 @@ class DurableRecorder:
     journal: Journal
 
     def __init__(
-        self, node: RobotNode, journal: Journal, *, on_trouble: Callable[[str], object] = lambda text: None
+        self,
+        node: RobotNode,
+        journal: Journal,
+        *,
+        on_trouble: Callable[[str], object] = lambda text: None,
+        answers: TableRows | None = None,
     ) -> None:
         self.node, self.journal, self._on_trouble = node, journal, on_trouble
+        self._answers, self._has_answered = {} if answers is None else answers, False
         journal.failed = self._fail
         self._epoch = epoch_of(node)
         self._tables = StateTables(node.engine, self._report_unstorable)
@@ -104,7 +111,7 @@ class DurableRecorder:
         self._start: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
         self._begins: Tables = {}  # how the process is to start, and with which timers, until it has started
-        self._gathers = False  # whether changes wait for the end of `_one_record`
+        self._gathers = False  # whether changes wait for the end of `at_once`
         self._trouble = ""
         self._quiet = False
         node.engine.settled = self.settled
@@ -149,18 +156,21 @@ class DurableRecorder:
 
     def _start_process(self) -> None:
         start, self._start = self._start, _nothing
-        with self._one_record():
-            start()
+        with self.at_once():
+            try:
+                start()
+            finally:
+                self._begins = {"begins": {}}
 
     @contextmanager
-    def _one_record(self) -> Iterator[None]:
-        """Record all that the block does at once, and that the process has started."""
+    def at_once(self) -> Iterator[None]:
+        """Record all that the block does in one record, together with what is new in the answers."""
         self._gathers = True
         try:
             yield
         finally:
             self._gathers = False
-            self._begins = {"begins": {}}
+        self._has_answered = True
         self.settled()
 
     def settled(self) -> None:
@@ -202,6 +212,8 @@ class DurableRecorder:
         }
         if whole or self._has_ended:
             more["ended"], self._has_ended = self._ended, False
+        if whole or self._has_answered:
+            more["answers"], self._has_answered = self._answers, False
         change = self._tables.changes(more, whole=whole)
         if self._note:
             change["note"], self._note = self._note, ""

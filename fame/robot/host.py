@@ -7,6 +7,7 @@ Methods without a docstring are those of `fame.engine.host.Host`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -46,6 +47,9 @@ class Outbox(Protocol):
 
     def once_written(self, send: Callable[[], object]) -> None:
         """Call this when what has happened so far is on the disk; never, if the engine ends before."""
+
+    def at_once(self) -> AbstractContextManager[None]:
+        """Record all that a block does at once."""
 
     def instance_ended(self, instance: Instance) -> None:
         """Record the end of an instance."""

@@ -459,30 +459,23 @@ def _unreported(team: Team, robot: str, counts: list[int]) -> Iterator[str]:
         yield f"{robot} has lost {missing} acknowledged counts, {team.expired[robot]} were reported: {counts}"
 
 
-def _by_successor(team: Team, process: str, request: str) -> bool:
-    """Whether the engine that did what was asked for ended, and the next one refused it, as it is done already.
-
-    Answers are not stored: the next engine does not know that it was done, which is open. One that has no process yet
-    must not answer at all.
-    """
-    said = [one for one in team.said if one.deployment == request and one.process != process]
-    return any(one.answer == "refused" and "no process yet" not in one.reason for one in said)
-
-
 def repairs(team: Team) -> Iterator[str]:
-    """What a person asks for is done once, however often it is asked: an engine gives one answer to each request.
+    """What a person asks for is done once, however often it is asked: a robot gives one answer to each request.
 
-    Nor is it done if the person is told that it is refused.
+    Nor is it done if the person is told that it is refused. A robot without a directory forgets with its process; one
+    that says that its state cannot be written, what it has answered since.
     """
     answers: dict[tuple[str, str], set[str]] = {}
     for said in team.said:
         if said.deployment.startswith("person") and said.reason != ANOTHER_RUN:  # it is asked again
-            answers.setdefault((said.process, said.deployment), set()).add(said.answer)
-    for (process, request), found in answers.items():
+            robot = team.robots[said.robot]
+            keeps = robot.durable and not robot.spoilt and "it is lost in a crash" not in said.reason
+            answers.setdefault((said.robot if keeps else said.process, said.deployment), set()).add(said.answer)
+    for (who, request), found in answers.items():
         if len(found) > 1:
-            yield f"{process} has answered {', '.join(sorted(found))} to {request}"
-        if found != {"refused"} and team.told.get(request) == "refused" and not _by_successor(team, process, request):
-            yield f"{process} has answered {', '.join(sorted(found))} to {request}, of which its person knows a refusal"
+            yield f"{who} has answered {', '.join(sorted(found))} to {request}"
+        if found != {"refused"} and team.told.get(request) == "refused" and who in team.robots:
+            yield f"{who} has answered {', '.join(sorted(found))} to {request}, of which its person knows a refusal"
 
 
 def works(team: Team) -> Iterator[str]:
