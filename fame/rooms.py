@@ -34,6 +34,7 @@ ROOMS: Mapping[str, Room] = {
     ),
     "campaign": Room(("fame.campaign", "fame.cli.campaign"), "many runs of a scenario, with statistics", "campaign"),
     "mining": Room(("fame.mining",), "recordings as event logs for process mining, tables, and bags of ROS 2"),
+    "fleet": Room(("fame.fleet", "fame.cli.fleet"), "robots in the field, their health and recordings"),
     "foxglove": Room(("fame.log.foxglove",), "a team live in Foxglove", "foxglove"),
     "edit": Room(("fame.edit", "fame.cli.edit", "fame.cli.diff"), "models compared, and drawn in the browser", "view"),
     "testing": Room(("fame.testing", "fame.cli.testing"), "tests of missions", "test"),
@@ -185,7 +186,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "splitter": "fame.cli.deployment:add_splitter",
         "router": "fame.cli.router:add",
         "status": "fame.cli.robots:add_status",
-        "inventory": "fame.cli.inventory:add",
+        "inventory": "fame.cli.fleet.inventory:add",
         **dict.fromkeys(
             (
                 "complete",
@@ -206,7 +207,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "world": "fame.cli.worlds:add_world",
         **dict.fromkeys(("pause", "resume"), "fame.cli.worlds:add_time"),
         "keys": "fame.cli.deployment:add_keys",
-        "doctor": "fame.cli.doctor:add",
+        "doctor": "fame.cli.fleet.doctor:add",
     },
     "monitor": {
         "record": "fame.cli.monitor.pipelines:add_record",
@@ -262,10 +263,13 @@ MIDDLEWARES: Mapping[str, str] = {
 
 ADD_DIAGRAM = "fame.layout:add_diagram"
 CHECK_DRAWINGS = "fame.cli.draw:check_drawings"
+COLLECT = "fame.cli.fleet.collection:add"
 CONVERT_RECORDING = "fame.mining.conversion:convert"
 DDS_TYPE = "fame.middleware.dds.wire:declared"
+DIAGNOSTICS = "fame.fleet.diagnostics:DiagnosticsPublisher"
 DRAW = "fame.bpmn.draw.diagram:draw"
 DRAW_RUN = "fame.cli.draw:draw_run"
+ENGINE_LOG = "fame.fleet.engine_log:EngineLog"
 EXPLORE_FOUND = "fame.scenario.explore.exploration:explore_found"
 EXPLORE_MIGRATED = "fame.scenario.explore.exploration:explore_migrated"
 EXPLORE_OBJECTION = "fame.scenario.explore.exploration:objection"
@@ -278,6 +282,9 @@ JUDGE_COMMAND = "fame.cli.judging:judge"
 JUDGE_FOR = "fame.cli.judging:live_judge"
 JUDGE_LOG = "fame.log.judge:judge_log"
 LAY_OUT = "fame.layout:lay_out"
+LOG_SERVER = "fame.fleet.log_server:LogServer"
+MARKERS = "fame.fleet.markers:MarkerPublisher"
+METRICS = "fame.fleet.metrics:serve_metrics"
 MONITOR_INPUTS = "fame.cli.monitor.models:add_inputs"
 MONITOR_LABEL = "fame.cli.monitor.labelling:label_on_page"
 MONITOR_ON_PAGE = "fame.cli.monitor.models:judged_on_page"

@@ -4,7 +4,7 @@ from deployment_field import Field, definitions, patrol, process
 
 from fame.clock import SECOND
 from fame.deploy import Report
-from fame.deploy.diagnostics import WARN, diagnostic_status
+from fame.fleet.diagnostics import WARN, diagnostic_status
 
 CATCH = '<signalEventDefinition signalRef="S"/>'
 WORK = definitions(

@@ -16,9 +16,9 @@ from domains import PROCESSES
 from free_ports import free_port
 from middleware_contract import needs
 
-from fame.deploy.diagnostics import ERROR, OK, TYPE, WARN
-from fame.deploy.metrics import serve_metrics
 from fame.errors import ConfigError
+from fame.fleet.diagnostics import ERROR, OK, TYPE, WARN
+from fame.fleet.metrics import serve_metrics
 
 ROOT = Path(__file__).parent.parent
 WAITS = definitions(process("p", '<startEvent id="s"/><userTask id="ask" name="Ask Ann"/>', ("s", "ask")))

@@ -15,8 +15,9 @@ from unittest.mock import Mock
 import pytest
 from domains import PROCESSES
 
-from fame.cli import doctor, installation, main
-from fame.cli.doctor import Finding
+from fame.cli import main
+from fame.cli.fleet import doctor, installation
+from fame.cli.fleet.doctor import Finding
 from fame.cli.network import interface_of
 from fame.clock import Scheduler
 from fame.deploy import Report

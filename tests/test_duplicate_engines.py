@@ -7,12 +7,13 @@ from contextlib import contextmanager
 import pytest
 from deployment_field import TEAM, Field, patrol
 
-from fame.cli import doctor, robots
+from fame.cli import robots
+from fame.cli.fleet import doctor
 from fame.deploy import STRING, EngineNode, Report
 from fame.deploy.authentication import GONE, ReportReader
-from fame.deploy.diagnostics import WARN, diagnostic_status
 from fame.deploy.status import StatusPublisher
 from fame.errors import FameError
+from fame.fleet.diagnostics import WARN, diagnostic_status
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED
 

@@ -9,9 +9,9 @@ import pytest
 
 from fame.cli import main
 from fame.clock import EPOCH, SECOND
+from fame.fleet.engine_log import EngineLog
 from fame.log import Recording
 from fame.log.channels import EVENTS, KEY, WAITING
-from fame.log.engine_log import EngineLog
 from fame.log.merging import merge
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder

@@ -13,7 +13,7 @@ import pytest
 
 from fame.check import Finding, check
 from fame.cli import main
-from fame.cli.doctor import packages
+from fame.cli.fleet.doctor import packages
 from fame.clock import SECOND
 from fame.config.loader import registered
 from fame.errors import ConfigError

@@ -24,8 +24,8 @@ from middleware_contract import DOMAIN, World, dds_world, ros_world
 
 from fame.clock import SECOND
 from fame.deploy import Report
-from fame.deploy.markers import MarkerPublisher
 from fame.errors import MessageError
+from fame.fleet.markers import MarkerPublisher
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Node
 from fame.middleware.messages import create, register_files

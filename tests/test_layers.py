@@ -43,7 +43,7 @@ LAYERS = (
     ),
     ("fame.engine", "fame.middleware", "fame.properties", "fame.scripting"),
     ("fame.robot",),
-    ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log", "fame.mining"),
+    ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log", "fame.mining", "fame.fleet"),
     ("sim2d", "robots"),
     ("fame.scenario", "fame.campaign", "fame.testing", "fame.view", "fame.edit"),
     ("fame.cli", "fame", "fame.__main__"),

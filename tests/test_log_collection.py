@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from deployment_field import Field
 
-from fame.cli.collection import _Source, moment
-from fame.deploy.log_server import PART
+from fame.cli.fleet.collection import _Source, moment
 from fame.errors import DeploymentError
+from fame.fleet.log_server import PART
 
 CONTENT = bytes(range(256)) * (2 * PART // 256 + 50)
 

@@ -9,7 +9,7 @@ from bpmn_text import document, properties
 from deployment_field import Field
 
 from fame.cli import main
-from fame.deploy.markers import ARROW, LINE_STRIP, TEXT, TYPE
+from fame.fleet.markers import ARROW, LINE_STRIP, TEXT, TYPE
 from fame.middleware.actions import ActionServer
 
 NAVIGATE = {name: f"nav2_msgs/action/Navigate{name}" for name in ("ToPose", "ThroughPoses")}

@@ -16,7 +16,7 @@ import pytest
 
 import fame
 from fame import imports
-from fame.cli import installation
+from fame.cli.fleet import installation
 
 ROOT = Path(__file__).parent.parent
 LAZY = [path for path in ROOT.glob("fame/**/__init__.py") if "attach(" in path.read_text(encoding="utf-8")]

@@ -10,7 +10,7 @@ import pytest
 from deployment_field import TEAM, Field, patrol
 
 from fame.cli import main
-from fame.cli.inventory import item
+from fame.cli.fleet.inventory import item
 from fame.deploy import Deployment, Envelope, Report
 from fame.deploy.history import KEPT, History
 from fame.deploy.options import DeploymentOptions

@@ -9,7 +9,7 @@ import pytest
 from deployment_field import Field, patrol as patrol_of
 
 from fame import deploy
-from fame.cli import doctor
+from fame.cli.fleet import doctor
 from fame.cli.robots import rows
 from fame.deploy import Envelope, Report
 from fame.deploy.authentication import ReportReader

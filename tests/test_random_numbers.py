@@ -16,8 +16,8 @@ from test_resumption import MISSION, Durable
 import fame
 from fame.campaign.runs import Campaign, Folder, run_campaign
 from fame.cli import main
+from fame.fleet.engine_log import EngineLog
 from fame.log import Recording
-from fame.log.engine_log import EngineLog
 from fame.randomness import robot_random
 from fame.scenario.run import Run
 from fame.testing import MissionLoader

@@ -12,8 +12,8 @@ from test_resumption import POOL, Durable, request, told
 
 from fame.cli.robots import rows
 from fame.deploy import STRING, Envelope, Report
-from fame.deploy.diagnostics import TYPE, WARN
 from fame.deploy.requests import TaskRequest
+from fame.fleet.diagnostics import TYPE, WARN
 from fame.middleware import messages
 from fame.middleware.errors import EndpointWarning
 

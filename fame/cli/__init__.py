@@ -176,7 +176,6 @@ class _Top(Parser):
                 *("recordings and tools:", " log record | convert | merge | judge", f" {' '.join(core['tools'])}"),
                 "of parts that an installation may lack:",
                 *_room_lines(),
-                "",
                 "fame COMMAND --help describes a command; fame team, fame monitor and fame log list theirs.",
                 "Exit codes: 0 success, 1 the mission or a check failed, 2 wrong request, 3 not known, 130 Ctrl-C.\n",
             ]

@@ -13,7 +13,7 @@ from fame.cli.arguments import Commands, Parser, add_library, add_trust, command
 from fame.cli.network import add_network, guard, lockstep, note_ready, wait_until
 from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
-from fame.rooms import MIDDLEWARES, ZENOH_MEETING, load
+from fame.rooms import ENGINE_LOG, METRICS, MIDDLEWARES, ZENOH_MEETING, load
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from fame.bpmn.library import Library
     from fame.clock import WallScheduler
     from fame.deploy import EngineNode
-    from fame.log.engine_log import EngineLog
     from fame.middleware.interface import Middleware
     from fame.middleware.simulated_time import ClockFollower
     from fame.robot import Event
@@ -212,7 +211,6 @@ def _run_one(arguments: Namespace) -> int:
 def _serve(arguments: Namespace, starting: ExitStack) -> None:
     from fame.deploy import EngineNode, engines
     from fame.deploy.loading import preload
-    from fame.deploy.metrics import serve_metrics
     from fame.deploy.options import EngineOptions
     from fame.randomness import ModuleRandom
     from fame.scenario import serve
@@ -265,7 +263,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         return engine
 
     with opened:
-        metrics = [opened.enter_context(serve_metrics(*arguments.metrics))] if arguments.metrics else []
+        metrics = [opened.enter_context(load(METRICS)(*arguments.metrics))] if arguments.metrics else []
         if arguments.seed is not None:
             opened.enter_context(ModuleRandom(arguments.seed, arguments.name))
         several = len(arguments.names) if len(arguments.names) > 1 else 0
@@ -319,15 +317,13 @@ def _simulated_time(arguments: Namespace, scheduler: WallScheduler, middleware: 
     return time
 
 
-def _log(folder: Path, robot: str, scheduler: WallScheduler) -> EngineLog:
+def _log(folder: Path, robot: str, scheduler: WallScheduler) -> Any:
     """The log that the engine keeps. Raises ConfigError for a folder that cannot be written."""
-    from fame.log.engine_log import EngineLog
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"expected a folder: {error.strerror}", file=str(folder)) from None
-    return EngineLog(folder, robot, scheduler, lambda text: note(f"{robot}: {text}"))
+    return load(ENGINE_LOG)(folder, robot, scheduler, lambda text: note(f"{robot}: {text}"))
 
 
 def _element_feed(middleware: Middleware, robot: str) -> Callable[[Event], object]:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli import collection
 from fame.cli.arguments import Commands, Parser, add_json, add_properties, add_types, command, group
 from fame.cli.network import add_network, note_ready
 from fame.cli.output import note, progress_line, table
-from fame.errors import ConfigError
-from fame.rooms import CONVERT_RECORDING, JUDGE_COMMAND, JUDGE_FOR, load
+from fame.errors import ConfigError, UnavailableError
+from fame.rooms import COLLECT, CONVERT_RECORDING, JUDGE_COMMAND, JUDGE_FOR, load
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -32,7 +32,8 @@ def add(commands: Commands) -> None:
     _add_record(parts)
     _add_convert(parts)
     _add_merge(parts)
-    collection.add(parts)
+    with suppress(UnavailableError):
+        load(COLLECT)(parts)
     _add_judge(parts)
 
 

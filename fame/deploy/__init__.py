@@ -25,7 +25,6 @@ Each end is a pure state machine, ``(state, event) -> (state, actions)``, in a s
     signing            keys and signatures of messages; request_verifier: which messages an engine accepts
     authentication     which reports of a robot, and which diagrams for splitters, are accepted
     status             a robot's reports, with the warnings of its engine
-    diagnostics        the same on /diagnostics of ROS; metrics: the same for Prometheus
   lifecycle          the engine as a lifecycle node of ROS
     requests           requests of people: complete a task, activate an element, abort a deployment
     assignment         which robot gets which part, which topics connect them, and where an error of a robot is

@@ -29,7 +29,6 @@ from fame.deploy.envelope import (
 from fame.deploy.history import History
 from fame.deploy.lifecycle import Lifecycle
 from fame.deploy.loading import LEAVING, LoadedCandidate, LoadingTask, Work, load
-from fame.deploy.log_server import LogServer
 from fame.deploy.machine import ProtocolMachine, unexpected
 from fame.deploy.migration import Foreseen, foresee, migrate_robot
 from fame.deploy.options import EngineOptions
@@ -78,6 +77,7 @@ from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
 from fame.randomness import new_seed, robot_random
 from fame.robot.clock_server import ClockServer
 from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
+from fame.rooms import DIAGNOSTICS, LOG_SERVER, MARKERS, load as load_room
 
 if TYPE_CHECKING:
     from random import Random
@@ -202,7 +202,7 @@ class EngineNode:
             answers={} if self._keeper is None else self._keeper.answers,
         )
         if self._options.recordings is not None:
-            LogServer(self.node, self.robot, self._options.recordings, self._verifier.verify_request)
+            load_room(LOG_SERVER)(self.node, self.robot, self._options.recordings, self._verifier.verify_request)
         self._resume()
         self.status.begin()
 
@@ -222,13 +222,9 @@ class EngineNode:
         """What passes reports on, also to ``/diagnostics`` and RViz if somebody wants it."""
         watchers = list(self._options.on_status)
         if self._options.diagnostics:
-            from fame.deploy.diagnostics import DiagnosticsPublisher
-
-            watchers.append(DiagnosticsPublisher(self.node, self._wall_time))
+            watchers.append(load_room(DIAGNOSTICS)(self.node, self._wall_time))
         if frame := self._options.markers:
-            from fame.deploy.markers import MarkerPublisher
-
-            watchers.append(MarkerPublisher(self.node, frame, lambda: self.running))
+            watchers.append(load_room(MARKERS)(self.node, frame, lambda: self.running))
 
         def pass_on(report: Report) -> None:
             for watcher in watchers:

@@ -40,9 +40,9 @@ class EngineOptions(RobotOptions):
     state      keeps the mission on disk: what was running when the engine before ended goes on
     seed       of the random numbers, by default and after a resumption a new one, which recordings contain
     log        takes what live views get, with and without subscribers
-    recordings folder of the files of `log`, which others may fetch (`fame.deploy.log_server`)
+    recordings folder of the files of `log`, which others may fetch (`fame.fleet.log_server`)
     diagnostics     publish reports on ``/diagnostics``, too
-    markers    publish the mission for RViz, in this frame of the robot (`fame.deploy.markers`); empty: do not
+    markers    publish the mission for RViz, in this frame of the robot (`fame.fleet.markers`); empty: do not
     on_status  get its reports, too
     lifecycle  be a managed node of ROS: missions run while it is active (`fame.deploy.lifecycle`)
     """

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from fame.deploy import fields
 from fame.deploy.authentication import proves_presence
 from fame.deploy.envelope import Envelope, Report
-from fame.deploy.log_server import LogRequest
 from fame.deploy.requests import TaskRequest
 from fame.deploy.signing import signer, verify, verify_signature
 from fame.errors import DeploymentError
 from fame.text import printable
+
+
+class SignedRequest(Protocol):
+    """What somebody asks of an engine."""
+
+    @property
+    def robot(self) -> str:
+        """The name of the robot that is meant."""
 
 
 class RequestVerifier:
@@ -63,7 +70,7 @@ class RequestVerifier:
             raise
         return self._signer(request)
 
-    def verify_request(self, request: TaskRequest | LogRequest) -> None:
+    def verify_request(self, request: SignedRequest) -> None:
         """Raise DeploymentError if keys are used and a request was not signed, not long ago, for this robot."""
         if self._trusted:
             verify(fields.values(request), self._trusted, self._wall_time(), self.born)

@@ -21,7 +21,7 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
     recording      reads recordings (mcap_index finds their chunks)
     team_state     the state of a team at one time, and the keys of a recording
     live_team      follows a team on the network
-    team_recorder  records it; engine_log: the log that an engine keeps itself
+    team_recorder  records it
     wait_reasons   why a token waits
     merging        several recordings as one
     judge          judges properties in it, in event_logs and in bags; live_judge: while it is made

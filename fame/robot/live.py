@@ -38,7 +38,7 @@ _POLL = SECOND // 4
 
 
 class FeedLog(Protocol):
-    """A log that receives everything, with and without subscribers (`fame.log.engine_log`)."""
+    """A log that receives everything, with and without subscribers (`fame.fleet.engine_log`)."""
 
     def on_batch(self, batch: Mapping[str, Any]) -> None:
         """Take a batch."""

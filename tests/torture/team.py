@@ -32,7 +32,7 @@ from fame.deploy.signing import Identity, _name_of, sign
 from fame.deploy.splitter_node import DIAGRAM, SplitterNode
 from fame.engine.repair import _tokens as tokens_of, token_at
 from fame.errors import ConfigError, DeploymentError, FameError, MissionError
-from fame.log.engine_log import EngineLog
+from fame.fleet.engine_log import EngineLog
 from fame.middleware import messages
 from fame.middleware.actions import ActionServer, ServerGoal
 from fame.middleware.interface import DeferredResponse

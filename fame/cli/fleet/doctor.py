@@ -28,8 +28,8 @@ from fame.cli.arguments import (
     private_key,
     trusted_keys,
 )
-from fame.cli.installation import Finding, extras, loopback, router_port, shared_memory
-from fame.cli.inventory import ask_times
+from fame.cli.fleet.installation import Finding, extras, loopback, router_port, shared_memory
+from fame.cli.fleet.inventory import ask_times
 from fame.cli.network import add_network, connected, interface_of, wait_until
 from fame.cli.output import note, print_json
 from fame.cli.robots import subscribe_reports
@@ -383,7 +383,7 @@ class _Team:
 
 def reported(report: Report) -> Finding:
     """Return the state of a mission, as `fame engine --diagnostics` publishes it."""
-    from fame.deploy.diagnostics import OK, WARN, diagnostic_status
+    from fame.fleet.diagnostics import OK, WARN, diagnostic_status
 
     status = diagnostic_status(report)
     if status["level"] == OK:

@@ -71,7 +71,7 @@ def collect(arguments: Namespace) -> int:
     from fame.cli.robots import subscribe_reports
     from fame.clock import SECOND
     from fame.deploy import engines
-    from fame.deploy.log_server import LOG_TOPIC
+    from fame.fleet.log_server import LOG_TOPIC
 
     key = private_key(arguments)
     with connected(arguments) as (scheduler, middleware):
@@ -113,7 +113,7 @@ def collect(arguments: Namespace) -> int:
 
 def _fetch_all(source: _Source, arguments: Namespace, remaining: int) -> tuple[dict[str, Any], int]:
     """Fetch the recordings of a robot, the newest first. Returns what is told of it, and the bytes that may follow."""
-    from fame.log.engine_log import FILES
+    from fame.fleet.engine_log import FILES
 
     files: list[str] = []
     missing: list[str] = []
@@ -146,7 +146,7 @@ class _Source:
 
     def __init__(self, robot: str, node: Node, scheduler: WallScheduler, key: Any, born: int) -> None:
         from fame.deploy.envelope import STRING
-        from fame.deploy.log_server import LOG_TOPIC
+        from fame.fleet.log_server import LOG_TOPIC
 
         self.robot = robot
         self._scheduler, self._key, self._born = scheduler, key, born
@@ -184,7 +184,7 @@ class _Source:
     def _ask(self, **what: Any) -> Mapping[str, Any]:
         """Ask until the robot answers. Raises DeploymentError."""
         from fame.deploy.envelope import STRING
-        from fame.deploy.log_server import LogRequest
+        from fame.fleet.log_server import LogRequest
         from fame.middleware import messages
 
         request = LogRequest(id=next(self._numbers), **what)

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from fame.deploy.diagnostics import ERROR, OK, diagnostic_status
 from fame.deploy.envelope import Report
 from fame.errors import MessageError
+from fame.fleet.diagnostics import ERROR, OK, diagnostic_status
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from fame.scripting.requests import Act
