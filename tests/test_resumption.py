@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import timedelta
 from errno import EIO, ENOSPC
@@ -27,6 +27,8 @@ from fame.deploy.sender import Sender
 from fame.engine import Engine
 from fame.errors import ConfigError
 from fame.middleware import messages
+from fame.middleware.actions import ActionServer
+from fame.middleware.interface import DeferredResponse
 from fame.middleware.simulated_time import ClockFollower
 from fame.robot.disk import File, SystemDisk
 from fame.robot.journal import StateDirectory
@@ -953,3 +955,33 @@ def test_a_goal_that_an_engine_cancels_when_it_is_stopped_is_lost(
     assert (
         f"act('drive'): it was cancelled when the engine ended, and its fate is unknown; retry: {retry}" in field.notes
     )
+
+
+@pytest.mark.parametrize("ends_by", ["deployment", "crash"])
+def test_a_goal_that_arrives_after_its_cancellation_is_cancelled_all_the_same(
+    field: Durable, monkeypatch: pytest.MonkeyPatch, ends_by: str
+) -> None:
+    held: list[Callable[[], object]] = []
+    accept = ActionServer._send_goal
+
+    def delayed(self: ActionServer, request: Any) -> Any:
+        response = DeferredResponse()
+        held.append(lambda: response.respond(accept(self, request)))
+        return response if len(held) == 1 else accept(self, request)
+
+    monkeypatch.setattr(ActionServer, "_send_goal", delayed)
+    driver = Server(field.middleware.node("driver", "A"))
+    field.deploy(DRIVES)
+    if ends_by == "crash":
+        end_engine(field, in_order=False)
+    else:
+        told(field, "d2", 2, patrol(7), "load")
+        field.pass_time(1)
+        told(field, "d2", 2, "", "start")
+        field.pass_time(0.5)
+    held[0]()
+    (first, *others) = reversed(driver.goals)
+    field.pass_time(5)
+    assert (driver.cancelled, list(driver.goals)) == ([first], others)
+    assert len(others) == (ends_by == "crash")
+    assert field.engine.running.runner.cancelled.table() == {}

@@ -184,8 +184,6 @@ class Goal:
     def on_result(self, response: AnyMessage) -> None:
         """Handle that the goal has ended, or is unknown."""
         if response.status == UNKNOWN:
-            if self._client.goals.get(self.id) is self:
-                self._request_cancel()  # the request to accept it may still wait at the server
             self._end("unknown", None)
         else:
             self._end(OUTCOMES.get(response.status, "aborted"), response.result)

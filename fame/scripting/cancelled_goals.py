@@ -17,17 +17,23 @@ from fame.middleware.actions import ActionClient, Goal, GoalEnd
 
 BOUND = 5.0
 """Time in which a cancelled goal is expected to end (s): Nav2 brings a robot to a stop first."""
+_AGAIN = (SECOND, 3 * SECOND)
+"""When a goal of before that its server does not know is cancelled again (ns): the request to accept it may come after
+that to cancel it."""
 _KEPT = 100
 """Number of goals that have ended whose outcome is known."""
 
 
 @dataclass(slots=True)
 class _Cancelled:
-    """A goal of `client` that was cancelled, and when this is reported if it has not ended. `told`: it was reported."""
+    """A goal of `client` that was cancelled, and when this is reported if it has not ended. `told`: it was reported.
+    `again` are delays of further cancellations, should its server not know it (ns).
+    """
 
     client: ActionClient
     goal: Goal
     told: bool
+    again: Sequence[int] = ()
     late: Entry = field(init=False)
 
     @property
@@ -77,7 +83,7 @@ class CancelledGoals:
             except MessageError as error:
                 self._report(f"{name}: a cancelled goal may still run: {error}")
                 continue
-            self._add(client, client.cancel(bytes.fromhex(id)), told=told)
+            self._add(client, client.cancel(bytes.fromhex(id)), told=told, again=_AGAIN)
 
     def outcome(self, id: bytes) -> GoalEnd | None:
         """Return how one of the last goals has ended; None for one that may still run."""
@@ -97,8 +103,8 @@ class CancelledGoals:
             goal.late.cancel()
         self._goals.clear()
 
-    def _add(self, client: ActionClient, goal: Goal, *, told: bool) -> None:
-        cancelled = _Cancelled(client, goal, told=told)
+    def _add(self, client: ActionClient, goal: Goal, *, told: bool, again: Sequence[int] = ()) -> None:
+        cancelled = _Cancelled(client, goal, told, again)
         cancelled.late = self._scheduler.after(round(BOUND * SECOND), partial(self._tell, cancelled), Kind.TIMER)
         self._goals[goal.id], client.on_cancelled = cancelled, self._on_change
 
@@ -109,6 +115,10 @@ class CancelledGoals:
         if cancelled.client.cancelled.get(goal.id) is goal:
             self._tell(cancelled)
             return
+        if goal.outcome == "unknown" and cancelled.again:
+            delay, *cancelled.again = cancelled.again
+            self._scheduler.after(delay, partial(self._cancel_again, cancelled), Kind.TIMER)
+            return
         del self._goals[goal.id]
         self._outcomes[goal.id] = goal.outcome
         for id in list(self._outcomes)[:-_KEPT]:
@@ -116,6 +126,10 @@ class CancelledGoals:
         cancelled.late.cancel()
         if cancelled.told:
             self._report(f"{cancelled.client.name}: the cancelled goal has ended")
+
+    def _cancel_again(self, cancelled: _Cancelled) -> None:
+        if self._goals.get(cancelled.goal.id) is cancelled:
+            cancelled.goal = cancelled.client.cancel(cancelled.goal.id)
 
     def _tell(self, goal: _Cancelled) -> None:
         goal.late.cancel()

@@ -448,6 +448,7 @@ class Runner:
             elif outcome == "gone":
                 self._once_more(task, client, partial(attach_again, goal))
             elif outcome == "unknown":
+                self.cancelled.take_up({goal.hex(): (client.name, client.type, False)}, lambda *_: client)
                 self._lose(task, client, begin, "its server does not know the goal")
             else:
                 self._soon(task, task.script.throw, GoalError(outcome, f"{request}: the goal was {outcome}", result))
