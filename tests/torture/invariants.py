@@ -295,7 +295,7 @@ def unlike_reference(team: Team) -> Iterator[str]:
     if any(robot.engine is None or robot.engine.state == "holding" for robot in robots):
         return  # others wait for it
     if len({said.deployment for said in team.said if said.answer == "started"}) > 1 and _hears_anybody(team):
-        return  # also those of the mission before, while it waited for its start
+        return  # also those of the mission before, while it waited for its start: plain topics promise nothing
     team.struck["missions compared with a reference"] += 1
     should, wrong = reference(team.text(first))
     yield from wrong
