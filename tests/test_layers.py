@@ -156,6 +156,11 @@ def test_the_core_imports_no_room() -> None:
     assert {room_of(item.target) for item in into} >= {"explore", "monitor", "ros"}  # or nothing was looked at
 
 
+def test_the_core_stays_small_enough_to_be_known_as_a_whole() -> None:
+    core = [path for module, path in MODULES.items() if not room_of(module)]
+    assert sum(path.read_text("utf-8").count("\n") for path in core) <= 62_000, "what of it is a room?"
+
+
 def places(table: object) -> Iterator[str]:
     """The places ``module:Name`` in tables of `fame.rooms`."""
     if isinstance(table, str):

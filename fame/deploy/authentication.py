@@ -15,10 +15,10 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from fame.dataclasses import dataclass, replace
+from fame.dataclasses import dataclass
 from fame.deploy import fields
 from fame.deploy.envelope import SIZE, Report, model_hash, read_report
-from fame.deploy.signing import FRESH, is_signed, is_vouched, sign, verify_signature
+from fame.deploy.signing import FRESH, is_signed, is_vouched, verify_signature, with_signature
 from fame.errors import DeploymentError
 from fame.text import read_json
 from fame.version import PROTOCOL
@@ -141,7 +141,7 @@ class Diagram:
     def of(cls, model: str, *, purpose: str, now: float, key: Any) -> Diagram:
         """Return a model signed with a private key."""
         diagram = cls(model=model, hash=model_hash(model.encode(errors="replace")), purpose=purpose, issued=now)
-        return replace(diagram, signature=sign(fields.values(diagram), key))
+        return with_signature(diagram, key)
 
     def to_json(self) -> str:
         """Return the JSON text that is sent."""

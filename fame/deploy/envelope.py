@@ -380,12 +380,9 @@ def stored_envelope(text: str) -> Envelope:
 
 def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
     """Return an envelope signed `now` (s since 1970) for the engine that was `born` then; unchanged without a key."""
-    from fame.deploy.signing import sign
+    from fame.deploy.signing import with_signature
 
-    if key is None:
-        return envelope
-    envelope = replace(envelope, issued=now, born=born)
-    return replace(envelope, signature=sign(fields.values(envelope), key))
+    return envelope if key is None else with_signature(envelope, key, issued=now, born=born)
 
 
 def is_ahead(sequence: int, now: float) -> bool:

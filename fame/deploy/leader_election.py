@@ -23,7 +23,7 @@ from typing import Annotated, Any
 from fame.clock import SECOND
 from fame.dataclasses import dataclass, replace
 from fame.deploy import fields
-from fame.deploy.signing import sign, verify_signature
+from fame.deploy.signing import verify_signature, with_signature
 from fame.errors import DeploymentError
 from fame.text import read_json
 
@@ -51,10 +51,7 @@ class SplitterStatus:
 
     def signed(self, key: Any, now: float) -> SplitterStatus:
         """Return the status signed by a private key `now`, or unchanged without a key."""
-        if key is None:
-            return self
-        issued = replace(self, issued=now)
-        return replace(issued, signature=sign(fields.values(issued), key))
+        return self if key is None else with_signature(self, key, issued=now)
 
     def is_believed(self, trusted: Sequence[Any], now: float) -> bool:
         """Return whether one of the trusted keys signed it not long before `now` (s since 1970); true without keys."""

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from fame.deploy import fields
 from fame.deploy.authentication import proves_presence
 from fame.deploy.envelope import Envelope, Report
-from fame.deploy.requests import TaskRequest
+from fame.deploy.requests import SignedRequest, TaskRequest
 from fame.deploy.signing import signer, verify, verify_signature
 from fame.errors import DeploymentError
 from fame.text import printable
-
-
-class SignedRequest(Protocol):
-    """What somebody asks of an engine."""
-
-    @property
-    def robot(self) -> str:
-        """The name of the robot that is meant."""
 
 
 class RequestVerifier:

@@ -15,7 +15,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ from fame.deploy import fields
 from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed, unreadable
 from fame.deploy.machine import unexpected
-from fame.deploy.signing import ANOTHER_RUN, FRESH, sign
+from fame.deploy.signing import ANOTHER_RUN, FRESH, with_signature
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import Node
@@ -53,8 +53,31 @@ _REPLAYED = 2 * FRESH
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TaskRequest:
-    """Complete a task (`element`) with `values` for its variables; `id` names the request.
+class SignedRequest:
+    """What somebody asks of an engine; `id` names the request.
+
+    `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`.
+    """
+
+    id: fields.Name
+    robot: fields.Name = ""
+    born: fields.Birth = 0
+    issued: fields.Number = 0.0
+    signature: fields.Name = ""
+
+    def signed(self, robot: str, key: Any, *, born: int, now: float) -> Self:
+        """Return the request signed by a private key `now` (s since 1970) for the engine of a
+        robot that was `born` then."""
+        return with_signature(self, key, robot=robot, born=born, issued=now)
+
+    def to_json(self) -> str:
+        """Return the JSON text that is sent."""
+        return json.dumps(fields.values(self), sort_keys=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskRequest(SignedRequest):
+    """Complete a task (`element`) with `values` for its variables.
 
     `act` is ``complete``; ``activate``, where `element` is one of an ad-hoc sub-process and there are no values;
     ``retry`` of an element with an incident; ``skip`` of an element, which goes on without its results; ``set``, where
@@ -62,32 +85,16 @@ class TaskRequest:
     mission; ``take_over``, by which a person holds the `lease` (again: for longer); ``restart`` of an element; ``fail``
     of one, after which a suspended mission continues; ``note`` of a text, `to`, in the log.
     `who` says whose request it is: what keys prove counts more.
-    `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`. `fame` is the protocol,
-    which a robot of protocol 1 is not told.
+    `fame` is the protocol, which a robot of protocol 1 is not told.
     """
 
-    id: fields.Name
     element: fields.Name
     values: Annotated[Mapping[str, Any], fields.is_object] = field(default_factory=dict)
     act: Annotated[str, fields.among(*ACTS)] = "complete"
     to: fields.Name = ""
     lease: fields.Name = ""
     who: fields.Name = ""
-    robot: fields.Name = ""
-    born: fields.Birth = 0
-    issued: fields.Number = 0.0
-    signature: fields.Name = ""
     fame: fields.Count = fields.later(1)
-
-    def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
-        """Return the request signed by a private key `now` (s since 1970) for the engine of a
-        robot that was `born` then."""
-        request = replace(self, robot=robot, born=born, issued=now)
-        return replace(request, signature=sign(fields.values(request), key))
-
-    def to_json(self) -> str:
-        """Return the JSON text that is sent."""
-        return json.dumps(fields.values(self), sort_keys=True)
 
 
 def read_request(text: str) -> TaskRequest:

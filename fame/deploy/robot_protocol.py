@@ -205,11 +205,6 @@ class _Transition:
         under_way = (waiting is not None and waiting.deployment == deployment) or self.state.candidate_of(deployment)
         return bool(under_way) or self.state.answer_to(deployment) is not None
 
-    def _knows(self, deployment: str) -> bool:
-        """Whether this engine, and not one before, has ever had to do with a deployment."""
-        loading = self.state.loading
-        return self._is_known(deployment) or (loading is not None and loading.deployment == deployment)
-
     def _receive_decision(self, candidate: Candidate, instruction: Instruction) -> None:
         """Follow the sender's word on the candidate; one that is being started already needs none."""
         deployment = candidate.envelope.deployment
@@ -239,7 +234,7 @@ class _Transition:
             self._do(Reply("asking", deployment, answered.reason))
             return
         answer = termination.reply(candidate.commit if candidate is not None else None, started=started)
-        if answer == "aborted" and envelope.born != self.state.born and not self._knows(deployment):
+        if answer == "aborted" and envelope.born != self.state.born and not self.state.knows(deployment):
             self._do(Reply("unknown", deployment, _REBORN))
             return
         reason = _NOT_READY_FOR_PEER if answer == "aborted" else ""

@@ -16,9 +16,10 @@ from contextlib import suppress
 from functools import cache, lru_cache
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from fame.dataclasses import dataclass
+from fame.dataclasses import dataclass, replace
+from fame.deploy import fields
 from fame.errors import ConfigError, DeploymentError
 from fame.imports import require
 from fame.text import open_file
@@ -26,6 +27,7 @@ from fame.text import open_file
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
+_Message = TypeVar("_Message")
 PUBLIC_MODE = 0o644
 """The mode of a file that others may read, but not write, whatever the umask is."""
 
@@ -160,6 +162,13 @@ def _public(key: str) -> Ed25519PublicKey:
 
 def _name_of(robot: str, key: str) -> dict[str, str]:
     return {"robot": robot, "key": key}
+
+
+def with_signature(message: _Message, key: Ed25519PrivateKey, **changes: Any) -> _Message:
+    """Return a message, a dataclass of `fields`, with changed fields and the signature of all."""
+    changed: Any = replace(message, **changes)  # type: ignore[type-var]
+    signed: _Message = replace(changed, signature=sign(fields.values(changed), key))
+    return signed
 
 
 def sign(content: Mapping[str, Any], key: Ed25519PrivateKey) -> str:

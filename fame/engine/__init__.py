@@ -18,29 +18,11 @@ end     the instance ended; the detail is its status
 ======  ==========================================================================
 """
 
-from fame.engine.compiler import compile_program
-from fame.engine.data import UNDEFINED, Variables, plain
-from fame.engine.host import BpmnError, Cancelled, Host
-from fame.engine.interpreter import MOVES, Engine
-from fame.engine.program import Program
-from fame.engine.scope_compiler import FindProcess
-from fame.engine.snapshot import restore, snapshot
-from fame.engine.state import DEPTH, Instance
-
-__all__ = [
-    "DEPTH",
-    "MOVES",
-    "UNDEFINED",
-    "BpmnError",
-    "Cancelled",
-    "Engine",
-    "FindProcess",
-    "Host",
-    "Instance",
-    "Program",
-    "Variables",
-    "compile_program",
-    "plain",
-    "restore",
-    "snapshot",
-]  # fmt: skip
+from fame.engine.compiler import compile_program as compile_program
+from fame.engine.data import UNDEFINED as UNDEFINED, Variables as Variables, plain as plain
+from fame.engine.host import BpmnError as BpmnError, Cancelled as Cancelled, Host as Host
+from fame.engine.interpreter import MOVES as MOVES, Engine as Engine
+from fame.engine.program import Program as Program
+from fame.engine.scope_compiler import FindProcess as FindProcess
+from fame.engine.snapshot import restore as restore, snapshot as snapshot
+from fame.engine.state import DEPTH as DEPTH, Instance as Instance

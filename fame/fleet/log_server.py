@@ -6,16 +6,15 @@ requests are signed, as those of people are (`fame.deploy.requests`).
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fame.dataclasses import dataclass, replace
+from fame.dataclasses import dataclass
 from fame.deploy import fields
 from fame.deploy.envelope import STRING
-from fame.deploy.signing import sign
+from fame.deploy.requests import SignedRequest
 from fame.errors import DeploymentError
 from fame.fast_json import json_bytes
 from fame.middleware import messages
@@ -29,28 +28,11 @@ _LONGEST = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LogRequest:
-    """Ask for the list of recordings, or for the bytes of a `file` from `offset` on; `id` names the request.
+class LogRequest(SignedRequest):
+    """Ask for the list of recordings, or for the bytes of a `file` from `offset` on."""
 
-    `robot`, `born`, `issued` and `signature` are there where keys are used: as of `fame.deploy.Envelope`.
-    """
-
-    id: fields.Name
     file: fields.Name = ""
     offset: fields.Count = 0
-    robot: fields.Name = ""
-    born: fields.Birth = 0
-    issued: fields.Number = 0.0
-    signature: fields.Name = ""
-
-    def signed(self, robot: str, key: Any, *, born: int, now: float) -> LogRequest:
-        """Return the request signed by a private key `now` (s since 1970), for the engine of a robot."""
-        request = replace(self, robot=robot, born=born, issued=now)
-        return replace(request, signature=sign(fields.values(request), key))
-
-    def to_json(self) -> str:
-        """Return the JSON text that is sent."""
-        return json.dumps(fields.values(self), sort_keys=True)
 
 
 class LogServer:

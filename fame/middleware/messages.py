@@ -27,26 +27,12 @@ from fame.errors import MessageError
 from fame.middleware import typesystem
 from fame.middleware.definitions import EMPTY_FIELD, Definition, Field
 from fame.middleware.primitives import Converter, Misfit, converter, describe, expected, listed, zero
-from fame.middleware.typesystem import action, register, register_files, service
-
-__all__ = [
-    "Message",
-    "action",
-    "bare",
-    "create",
-    "default_payload",
-    "fields",
-    "goal_type",
-    "is_action",
-    "is_wrapper",
-    "message_type",
-    "register",
-    "register_files",
-    "service",
-    "to_mapping",
-    "type_name",
-    "types",
-]
+from fame.middleware.typesystem import (
+    action as action,
+    register as register,
+    register_files as register_files,
+    service as service,
+)
 
 _QUATERNION = "geometry_msgs/msg/Quaternion"
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
