@@ -41,6 +41,15 @@ def test_what_is_not_here_is_appended_and_the_rest_stays(field: Field, tmp_path:
     assert robot.fetch(name, here, size) == 0
 
 
+@pytest.mark.parametrize("here", [b"?" + CONTENT[1:2000], CONTENT[:PART] + bytes(5000)])
+def test_what_does_not_end_as_the_file_of_the_robot_is_not_continued(field: Field, tmp_path: Path, here: bytes):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(here)  # of another robot with this name, or what a loss of power has left
+    with pytest.raises(DeploymentError, match=r"run\.mcap does not end as the robot's file did: remove it"):
+        source(field).fetch("A-20261129T080000.mcap", path, len(CONTENT))
+    assert path.read_bytes() == here
+
+
 @pytest.mark.parametrize("name", ["../secret.mcap", "B-20261129T080000.mcap", "/etc/passwd", "A-gone.mcap"])
 def test_no_other_file_is_given(field: Field, tmp_path: Path, name: str):
     with pytest.raises(DeploymentError, match="there is no such recording"):

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _AGAIN, _PATIENCE = 1.0, 10.0
 """After how long a request is repeated, and after how long a robot is given up (s)."""
 _LONGEST = 1_000_000
+_OVERLAP = 4096
+"""Bytes at the end of what is here that are compared: another file, or what a loss of power has left (bytes)."""
 
 
 def add(parts: Commands) -> None:
@@ -165,8 +167,10 @@ class _Source:
     def fetch(self, name: str, path: Path, size: int) -> int:
         """Append to a file what it lacks of `size` bytes. Returns how many were fetched. Raises DeploymentError."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "ab") as file, progress_line(sys.stderr) as line:
-            begin = offset = file.tell()
+        with open(path, "a+b") as file, progress_line(sys.stderr) as line:
+            begin = file.tell()
+            offset = file.seek(max(0, begin - _OVERLAP) if begin < size else begin)
+            here = file.read()
             while offset < size:
                 answer = self._ask(file=name, offset=offset)
                 try:
@@ -175,8 +179,10 @@ class _Source:
                     raise DeploymentError(f"{name}: its answer cannot be read") from None
                 if not data:
                     raise DeploymentError(f"{name}: it has become shorter; {offset} of {size} bytes are here")
-                file.write(data)
-                offset += len(data)
+                if not data.startswith(here[: len(data)]):
+                    raise DeploymentError(f"{name}: {path} does not end as the robot's file did: remove it")
+                file.write(data[len(here) :])
+                offset, here = offset + len(data), here[len(data) :]
                 if line is not None:
                     line.write(f"{self.robot} {printable(name)}: {offset / size:.0%}", offset / size)
         return offset - begin
