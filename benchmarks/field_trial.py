@@ -44,17 +44,19 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT)]
 
 from bpmn_text import document, properties  # noqa: E402
-from networked_machines import INTERFACE, Machines, machines  # noqa: E402
+from networked_machines import ADDRESSES, INTERFACE, Machines, machines  # noqa: E402
 
 from fame.clock import SECOND  # noqa: E402
 from fame.middleware import messages  # noqa: E402
 from fame.middleware.actions import ActionServer, ServerGoal  # noqa: E402
 from fame.middleware.interface import Node  # noqa: E402
-from fame.scenario.process import connect, scheduler_for  # noqa: E402
+from fame.scenario.process import Router, connect, scheduler_for  # noqa: E402
 
 ROBOTS = {"R1": 0, "R2": 0, "R3": 1, "R4": 1, "R5": 1}
 """The machine of each."""
 NAVIGATE, NOTE = "nav2_msgs/action/NavigateToPose", "trial_msgs/srv/Note"
+HERE = "127.0.0.1"
+"""Where a router of Zenoh is, one on each machine."""
 DRIVE, DELAY = 1.0, 0.05
 """How long a goal takes, and a packet on the link (s)."""
 DOWN, UP = (0.0, 15.0), (10.0, 40.0)
@@ -118,7 +120,7 @@ class Servers:
 
     def __init__(self, backend: str, place: int, file: TextIO) -> None:
         self.scheduler, self.file, self.holding = scheduler_for(backend), file, False
-        self.middleware = connect(backend, self.scheduler, INTERFACE)
+        self.middleware = connect(backend, self.scheduler, Router(HERE) if backend == "zenoh" else INTERFACE)
         self._ends = [self._nav2(robot) for robot, home in ROBOTS.items() if home == place]
         if place == 0:
             self._service = self.middleware.node("base").service("/note", NOTE, self._note)
@@ -270,7 +272,8 @@ class Trial:
         self.engines = {robot: self._engine(robot) for robot in ROBOTS}
 
     def _fame(self, place: int, *words: str) -> list[str]:
-        network = ["--middleware", self.backend, "--network", INTERFACE]
+        reach = ["--router", HERE] if self.backend == "zenoh" else ["--network", INTERFACE]
+        network = ["--middleware", self.backend, *reach]
         return self.pair.inside(place, sys.executable, "-m", "fame", *words, *network)
 
     def _engine(self, robot: str) -> subprocess.Popen[bytes]:
@@ -408,6 +411,12 @@ def main() -> int:
         words = [sys.executable, "-m", "benchmarks.lossy_signals", "--link", *map(str, pair.pids)]
         stack.enter_context(started([*words, str(given.loss), str(DELAY), str(given.seed)]))
         pair.address()
+        if given.middleware == "zenoh":
+            router = [sys.executable, "-m", "fame", "router", "--network", INTERFACE]
+            for place, others in enumerate(([], ["--connect", ADDRESSES[0]])):
+                process = subprocess.Popen(pair.inside(place, *router, *others), cwd=ROOT)
+                stack.callback(process.wait)
+                stack.callback(process.kill)
         trial = Trial(given.middleware, pair, folder, given.seed)
         stack.callback(trial.close)
         serving = [sys.executable, "-m", "benchmarks.field_trial", "--serve", given.middleware]
