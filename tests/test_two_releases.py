@@ -136,11 +136,16 @@ def test_a_team_of_two_releases_does_all_that_one_of_one_release_does(
     team.expect(A="waiting", B="waiting")
     team.run(sender, "deploy", "team.bpmn", "--wait", "60", *key)
     team.expect(person, A="first", B="wait")
-    why = subprocess.run(
-        team.words("this", "status", "--why", "A"), env=team.environments["this"], capture_output=True, text=True,
-        timeout=PATIENCE, check=False,
-    )  # fmt: skip
-    assert "events of A are not read: A runs an older FAME (protocol 1); this speaks 2: update A" in why.stderr
+    for words, text in (
+        (["status", "--why", "A"], "events of A are not read: {}"),
+        (["deploy", "changed.bpmn", "--rollback-unless-ended", "60", *key], "-ended is not possible: {}"),
+    ):
+        done = subprocess.run(
+            team.words("this", *words), env=team.environments["this"], capture_output=True, text=True,
+            timeout=PATIENCE, check=False, cwd=folder,
+        )  # fmt: skip
+        assert text.format("A runs an older FAME (protocol 1); this speaks 2: update A") in done.stderr
+    team.expect(person, A="first", B="wait")
     team.run(sender, "deploy", "changed.bpmn", "--migrate", "--wait", "60", *key)
     team.run(person, "complete", "A", "first", *key)
     team.expect(sender, A="last", B="end")

@@ -8,7 +8,7 @@ deployments, and the identities that prove the names of robots.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from fame.bpmn.model import Definitions
     from fame.bpmn.pools import Pool
     from fame.clock import WallScheduler
-    from fame.deploy import Deployment, SplitterNode
+    from fame.deploy import Deployment, Report, SplitterNode
     from fame.deploy.options import DeploymentOptions
     from fame.middleware.interface import Middleware
 
@@ -129,12 +129,16 @@ def run_deploy(arguments: Namespace) -> int:
     if arguments.explore and at_once:
         _refuse_unexplored(definitions, library, {}, partial=arguments.allow_partial)
 
-    def examine(robots: Mapping[str, Pool]) -> None:
-        migrated.prepare(robots)
-        if arguments.explore and not at_once:
-            _refuse_unexplored(definitions, library, robots, partial=arguments.allow_partial)
-
     with connected(arguments) as (scheduler, middleware):
+
+        def examine(robots: Mapping[str, Pool]) -> None:
+            migrated.prepare(robots)
+            if arguments.explore and not at_once:
+                _refuse_unexplored(definitions, library, robots, partial=arguments.allow_partial)
+            for report in _reports(list(robots), scheduler, middleware, options).values() if limit else ():
+                if report.differs:
+                    raise DeploymentError(f"--rollback-unless-ended is not possible: {report.differs}")
+
         options = replace(
             migrated.options, library=library, patience=arguments.wait, load=load_of_machine(), key=key, who=person()
         )
@@ -190,7 +194,6 @@ def _roll_back(
 def _deploy_previous(arguments: Namespace) -> int:
     """Deploy what robots ran before, and print how each answered."""
     from fame.cli.network import wait_until
-    from fame.cli.robots import subscribe_reports
     from fame.deploy import engines
     from fame.deploy.options import DeploymentOptions
     from fame.middleware.wire_base import load_of_machine
@@ -210,19 +213,31 @@ def _deploy_previous(arguments: Namespace) -> int:
         robots = arguments.to or engines(middleware)
         if missing := sorted(wanted - set(engines(middleware))) or ([] if robots else ["any robot"]):
             raise DeploymentError(f"no engine of {', '.join(missing)} was found within {patience:g} s")
-        trusted = [key.public_key()] if key is not None else []
-        node = middleware.node("_fame_previous")
-        reports, _, strange = subscribe_reports(node, robots, trusted)
-        wait_until(scheduler, lambda: all(robot in reports and reports[robot].said for robot in robots), patience)
-        for robot in sorted(set(robots) - reports.keys()):
-            raise DeploymentError(strange.get(robot) or f"{robot} is silent")
-        node.close()
+        reports = _reports(robots, scheduler, middleware, options)
         deployment = deploy_previous(reports, scheduler, middleware, options, any_of=bool(wanted))
         if arguments.json:
             print_json({"status": "failed" if deployment.failed else "completed", "robots": _results(deployment)})
         else:
             print("\n".join(_outcome(deployment)))
     return int(deployment.failed)
+
+
+def _reports(
+    robots: Sequence[str], scheduler: WallScheduler, middleware: Middleware, options: DeploymentOptions
+) -> Mapping[str, Report]:
+    """Return the latest report of each robot. Raises DeploymentError if one is silent."""
+    from fame.cli.network import wait_until
+    from fame.cli.robots import subscribe_reports
+
+    node = middleware.node("_fame_previous")
+    trusted = [options.key.public_key()] if options.key is not None else []
+    reports, _, strange = subscribe_reports(node, robots, trusted)
+    patience = options.patience_of(len(robots))
+    wait_until(scheduler, lambda: all(robot in reports and reports[robot].said for robot in robots), patience)
+    for robot in sorted(set(robots) - reports.keys()):
+        raise DeploymentError(strange.get(robot) or f"{robot} is silent")
+    node.close()
+    return reports
 
 
 def _refuse_unexplored(
