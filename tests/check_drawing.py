@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 MODELS = sorted((ROOT / "models").rglob("*.bpmn"))
 SIGNALS = "".join(f'<signal id="S_{name}" name="{name}"/>' for name in ("done", "found", "log", "odom"))
 ERROR = '<error id="E" name="lost" errorCode="lost"/>' + "".join(
-    f'<error id="E_{code}" name="{code}" errorCode="{code}"/>' for code in ("lost", "script", "unreachabel")
+    f'<error id="E_{code}" name="{code}" errorCode="{code}"/>' for code in ("abort", "lost", "script", "unreachabel")
 )
 
 

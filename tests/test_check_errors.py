@@ -38,6 +38,10 @@ ERRORS = {
         row(script("x = (1")),
         "t: not valid Python: '(' was never closed: `x = (1`",
     ),
+    "a fate of requests that is none": (
+        row(service(service="pour", type="std_srvs/srv/Trigger", retry="Never")),
+        "t: property retry='Never': expected safe, never or ask",
+    ),
     "a condition that is not valid Python": (
         START + choice("g", 'default="g-b"') + ends("a", "b") + flows("s g", "g b") + flow("g", "a", "x = 1"),
         "g: not valid Python: invalid syntax",

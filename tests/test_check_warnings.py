@@ -36,6 +36,15 @@ from fame.cli import main
 from fame.errors import UnavailableError
 
 BRANCHES = ends("a", "b")
+DOCK, TRIGGER = "nav2_msgs/action/DockRobot", "std_srvs/srv/Trigger"
+
+
+def resuming(resume: str) -> str:
+    """An event sub-process ``h``, which suspends its scope or ends it."""
+    inside = f"{event('startEvent', 'hs', 'found')}{ends('he')}{flow('hs', 'he')}"
+    return f'<subProcess id="h" triggeredByEvent="true">{properties(resume=resume)}{inside}</subProcess>'
+
+
 TWICE = '<camunda:property name="type" value="std_msgs/msg/Int32"/>'
 INPUTS = '<camunda:inputOutput>' + '<camunda:inputParameter name="v">1</camunda:inputParameter>' * 2 + (
     '</camunda:inputOutput>'
@@ -221,6 +230,18 @@ WARNINGS = {
     "an error that another activity throws": (
         row(script("raise BpmnError('spilt')")) + caught_at("t", "lost"),
         "b: catches error 'lost', which nothing in t throws; it throws spilt",
+    ),
+    "an error that an action does not have": (
+        row(service(action="drive", type=DOCK)) + caught_at("t", "abort"),
+        "b: catches error 'abort', which nothing in t throws; did you mean 'aborted'?",
+    ),
+    "an error that only retry = never brings": (
+        row(service(action="drive", type=DOCK)) + caught_at("t", "lost"),
+        "b: catches error 'lost', but a request of unknown fate is made again: for the error, set retry = never",
+    ),
+    "a call that the mission itself suspends": (
+        row(service(service="pour", type=TRIGGER)) + resuming("true"),
+        "t: after h it calls again, even if the first call has been done: set retry = never, ask or safe",
     ),
     "a timer of what nothing sets": (
         row(timer("intermediateCatchEvent", "timeDuration", "PT${pause}S")),
@@ -531,7 +552,17 @@ FINE = {
     "an error that a script throws": row(script("raise BpmnError('lost')")) + caught_at("t", "lost"),
     "an error of whatever code": row(script("raise BpmnError(codes[0])\ncodes = []")) + caught_at("t", "lost"),
     "an exception": row(script("x = 1 / 0")) + caught_at("t", "script"),
-    "an error of a service": row(service(service="a", type="std_srvs/srv/Trigger")) + caught_at("t", "lost"),
+    "an error of a service": row(service(service="a", type=TRIGGER, retry="never")) + caught_at("t", "lost"),
+    "an error of a call in a script": (
+        row('<scriptTask id="t">' + properties(retry="never")
+            + f'<script>await robot.call("a", "{TRIGGER}")</script></scriptTask>') + caught_at("t", "lost")
+    ),
+    "an error with a code of its own": (
+        row(service(service="a", type=TRIGGER, retry="never", errors="{lost: abort}")) + caught_at("t", "abort")
+    ),
+    "a suspended call that may be made again": row(service(service="a", type=TRIGGER, retry="safe")) + resuming("true"),
+    "a suspended goal, which is canceled": row(service(action="a", type=DOCK)) + resuming("true"),
+    "a call that is cancelled": row(service(service="a", type=TRIGGER)) + resuming("false"),
     "an error inside": (
         row('<subProcess id="p">' + row(script("raise BpmnError('lost')"), mark="2") + "</subProcess>")
         + caught_at("p", "lost")

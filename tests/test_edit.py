@@ -513,6 +513,7 @@ def properties(**values: str) -> str:
 SIGNALS = '<signal id="S" name="weed_found"/><signal id="R" name="weed_fund"/>'
 ONE = '<signal id="S" name="weed_found"/>'
 ERRORS = '<error id="E" name="E" errorCode="lost"/><error id="F" name="F" errorCode="lots"/>'
+CODES = '<error id="E" name="E" errorCode="lost"/><error id="G" name="G" errorCode="service"/>'
 KEPT = caught("S").replace(
     '<intermediateCatchEvent id="c">', f'<intermediateCatchEvent id="c">{properties(queue="300")}'
 )
@@ -521,6 +522,23 @@ TOLD = f"""{SIGNALS.replace("signal", "message")}<process id="Q" isExecutable="t
 <sequenceFlow id="f2" sourceRef="s2" targetRef="c"/><receiveTask id="c" messageRef="R">{properties(queue="1")}
 </receiveTask><sequenceFlow id="g2" sourceRef="c" targetRef="e2"/><endEvent id="e2"/></process><collaboration id="co">
 <participant id="X" name="X" processRef="P"/><participant id="Y" name="Y" processRef="Q"/></collaboration>"""
+
+
+def served(catches: str, more: str = "", **retry: str) -> str:
+    """A call of a service, and boundary events that catch errors of it."""
+    called = properties(service="pour", type="std_srvs/srv/Trigger", **retry)
+    catchers = "".join(
+        f'''<boundaryEvent id="b{one}" attachedToRef="t"><errorEventDefinition errorRef="{one}"/></boundaryEvent>
+<sequenceFlow id="g{one}" sourceRef="b{one}" targetRef="e{one}"/><endEvent id="e{one}"/>'''
+        for one in catches
+    )
+    return f"""{FLOWS}<serviceTask id="t">{called}</serviceTask>{catchers}{more}
+<sequenceFlow id="k" sourceRef="t" targetRef="e"/><endEvent id="e"/>"""
+
+
+PAUSED = f"""<subProcess id="h" triggeredByEvent="true">{properties(resume="true")}<startEvent id="hs">
+<timerEventDefinition><timeDuration>PT1S</timeDuration></timerEventDefinition></startEvent>
+<sequenceFlow id="hf" sourceRef="hs" targetRef="he"/><endEvent id="he"/></subProcess>"""
 MENDED = {
     "a queue": (caught("S"), ONE, "add queue = 1 to c"),
     "a default flow": (chosen("robot.now > 2", ""), "", "mark it as the default"),
@@ -532,6 +550,9 @@ MENDED = {
     "a message": (FLOWS + SENT, TOLD, "rename it to /weed_"),
     "an error": (failing("lots"), ERRORS, "catch lost"),
     "a catcher": (failing(""), ERRORS, "catch lost"),
+    "a retry": (served("EG"), CODES, "add retry = never to t"),
+    "a call made twice": (served("G", PAUSED), CODES, "add retry = never to t"),
+    "a lost call": (served("G", retry="nevr"), CODES, "set retry = never"),
     "a property": (caught("S", properties(payload="1", tpye="std_msgs/msg/Int32")), ONE, "rename it to type"),
     "a type": (caught("S", properties(payload="{r: 1}")), ONE, "add type = std_msgs/msg/ColorRGBA"),
     "a depth": (KEPT, ONE, "set qos.depth = 300"),

@@ -354,7 +354,7 @@ def with_a_service(steps: Steps, code: str = "c", **said: str) -> bool:
 
 @pytest.mark.parametrize("inner", ["work", ("call", "H")])
 @pytest.mark.parametrize(("code", "said", "told"), [
-    ("lost", SERVICE, "service"), ("service", ACTION, "aborted"),
+    ("lost", SERVICE, "service"), ("service", ACTION, "aborted"), ("service", SERVICE | {"retry": "never"}, "lost"),
     ("aborted", ACTION | {"errors": "{service: 'off'}"}, "off"),
 ])  # fmt: skip
 def test_a_failure_that_no_error_event_catches_is_told_and_leaves_robots_waiting_as_a_single_fault(
@@ -374,8 +374,8 @@ def test_a_failure_that_no_error_event_catches_is_told_and_leaves_robots_waiting
 
 
 @pytest.mark.parametrize(("said", "code"), [
-    *[(SERVICE, code) for code in ("service", "lost", "")],
-    *[(ACTION, code) for code in ("service", "lost", "aborted", "canceled", "rejected")],
+    *[(SERVICE | {"retry": "never"}, code) for code in ("service", "lost", "")],
+    *[(ACTION | {"retry": "ask"}, code) for code in ("service", "lost", "aborted", "canceled", "rejected")],
     (ACTION | {"errors": "{aborted: stuck, 208: no_path}"}, "no_path"),
     ({"service": "learn"}, "anything"),
 ])  # fmt: skip

@@ -499,19 +499,21 @@ def test_a_server_that_leaves_before_it_accepts_a_goal_is_as_any(here: World, pl
 
 
 @pytest.mark.long_but("local*")
-@pytest.mark.parametrize(("retry", "status"), [("safe", "completed"), ("never", "failed")])
+@pytest.mark.parametrize(
+    ("retry", "errors", "code"), [("safe", "", None), ("never", "", "lost"), ("never", "{lost: gone}", "gone")]
+)
 def test_a_request_whose_server_leaves_is_made_again_or_lost(
-    here: World, place: Place, retry: str, status: str
+    here: World, place: Place, retry: str, errors: str, code: str | None
 ) -> None:
     node, asked = here.node("press", "REX"), list[Any]()
     silent = node.service("press", SET_BOOL, lambda request: asked.append(DeferredResponse()) or asked[-1])
-    instance = place.run(model(properties(service="press", type=SET_BOOL, retry=retry)))
+    instance = place.run(model(properties(service="press", type=SET_BOOL, retry=retry, errors=errors)))
     until(here, lambda: asked)
     silent.close()
     soon(here)
     node.service("press", SET_BOOL, lambda request: asked.append(None))
     end = place.end(instance)
-    assert (end.status, end.error and end.error.code) == (status, "lost" if retry == "never" else None)
+    assert (end.status, end.error and end.error.code) == ("failed" if code else "completed", code)
     assert len(asked) == (2 if retry == "safe" else 1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
 from fame.bpmn.extension_properties import (
@@ -36,6 +36,7 @@ from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, of_error
 from fame.check.variables import sets_something
 from fame.errors import ModelError
 from fame.properties.diagram import seems_property
+from fame.robot.mission import MISSED, RETRIES
 from fame.text import NAMES, is_ros_name
 
 # ---- the reader's notes, pools ---------------------------------------------------------------------------------------
@@ -108,6 +109,8 @@ def _properties_of(node: FlowNode) -> Iterator[str]:
         yield from PROPERTIES[EVENT_SUB_PROCESSES]
     if node.service is not None:
         yield from PROPERTIES[SERVICES]
+    elif node.script is not None:
+        yield "retry"  # of what its script calls
     if node.defined(TimerDefinition):
         yield from PROPERTIES[TIMERS]
     if node.tag == "adHocSubProcess":
@@ -116,9 +119,19 @@ def _properties_of(node: FlowNode) -> Iterator[str]:
         yield from PROPERTIES[REPETITIONS]
 
 
+_VALUES: Mapping[str, Sequence[str]] = {"retry": RETRIES, "missed": MISSED}
+"""The values of those properties whose readers take any other one for the default."""
+
+
 def _misspelt(process: CheckedProcess, element: Element, known: Set[str]) -> Iterator[Finding]:
-    """Properties that have a meaning at other elements only, and unknown ones whose names are similar to known ones."""
-    for name in element.properties:
+    """Properties that have a meaning at other elements only, unknown values, and names similar to known ones."""
+    for name, value in element.properties.items():
+        values = _VALUES.get(name, ()) if name in known else ()
+        if values and value not in values:
+            nearest = difflib.get_close_matches(value.strip().lower(), values, 1, 0.4)
+            fixes = [Fix(f"set {name} = {one}", element.id, "property", one, name) for one in nearest]
+            text = f"property {name}={value!r}: expected {', '.join(values[:-1])} or {values[-1]}"
+            yield process.finding("error", text, element, fix=next(iter(fixes), None))
         places = [place for place, names in PROPERTIES.items() if name in names]
         if places and name not in known:
             text = f"its property {name!r} has no effect here: it is for {' and '.join(places).lower()}"
@@ -127,7 +140,7 @@ def _misspelt(process: CheckedProcess, element: Element, known: Set[str]) -> Ite
         swapped = [each for each in known if sorted(each) == sorted(name.lower())]  # tpye
         similar = swapped or difflib.get_close_matches(name.lower(), known, 1, 0.8)
         if similar and name not in known:
-            text, value = f"its property {name!r} has no effect: did you mean {similar[0]!r}?", element.properties[name]
+            text = f"its property {name!r} has no effect: did you mean {similar[0]!r}?"
             fix = Fix(f"rename it to {similar[0]}", element.id, "property", value, similar[0], name)
             yield process.finding("warning", text, element, fix=fix)
 

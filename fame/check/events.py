@@ -1,8 +1,8 @@
 """Checks of timer and error events: times that are not ISO 8601, errors that are caught where nothing throws them.
 
 An error code may be misspelt, or its boundary event at another activity. Every activity may fail with code ``script``
-or ``no_flow`` besides what its error events and scripts throw. Where services, JavaScript or computed codes may throw
-any code, nothing is reported.
+or ``no_flow`` besides what its error events, scripts, services and actions throw. Where functions, JavaScript or
+computed codes may throw any code, nothing is reported.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping
 
-from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, Task, TimerDefinition
+from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, SubProcess, Task, TimerDefinition
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
+from fame.middleware.messages import is_action
+from fame.robot.service_tasks import failure_codes
 from fame.scripting import script_effects
 
 _PARSERS: Mapping[str, Callable[[str], object]] = {
@@ -85,8 +87,12 @@ def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode) -> Ite
     thrown = _thrown(process, activity, set()) if codes else None
     if thrown is None:
         return
+    asking = [one for one in (activity, *(activity.body.walk() if activity.body is not None else ())) if _asks(one)]
     for code in codes:
-        if code not in thrown and code not in _ANY:
+        if code == "lost" and code not in thrown and asking:
+            text = "catches error 'lost', but a request of unknown fate is made again: for the error, set retry = never"
+            yield process.finding("warning", text, event, fix=_never(asking[0]) if len(asking) == 1 else None)
+        elif code not in thrown and code not in _ANY:
             similar = difflib.get_close_matches(code, sorted(thrown), 1)
             known = (
                 f"did you mean {similar[0]!r}?" if similar else f"it throws {', '.join(sorted(thrown)) or 'no errors'}"
@@ -110,9 +116,56 @@ def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) 
     if node.place == "end":
         ends = node.defined(ErrorDefinition)
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
+    if isinstance(node, Task) and node.service is not None:
+        return failure_codes(node)
     if isinstance(node, Task) and (node.operation or node.kind in ("service", "send")):
         return None
-    return raised_codes(node)
+    codes = raised_codes(node)
+    return codes if codes is None or node.properties.get("retry") not in ("never", "ask") else {*codes, "lost"}
+
+
+def _asks(node: FlowNode) -> bool:
+    """Whether a task calls a service or action."""
+    return isinstance(node, Task) and (node.service is not None or bool(script_effects(node).asked))
+
+
+def _never(task: FlowNode) -> Fix:
+    """The fix by which a request of unknown fate is not made again."""
+    return Fix(f"add retry = never to {task.label}", task.id, "property", "never", "retry")
+
+
+def check_repeated_calls(scope: CheckScope) -> Iterator[Finding]:
+    """Find calls of services that the model itself suspends, and makes again although they may have been done."""
+    for process in scope.processes:
+        original = process.bpmn.semantics == "original"
+        for body in process.bodies():
+            handlers = [one for one in body.nodes if isinstance(one, SubProcess) and one.triggered_by_event]
+            suspends = [one for one in handlers if (one.resume or original) and _interrupts(one)]
+            seen = set[CheckedProcess]()
+            inside = (found for one in body.nodes if one not in handlers for found in _inside(process, one, seen))
+            for home, task in inside if suspends else ():
+                called = task.service if isinstance(task, Task) and "retry" not in task.properties else None
+                if called is not None and not is_action(called.type or ""):
+                    text = f"after {suspends[0].display_name} it calls again, even if the first call has been done"
+                    yield home.finding("warning", f"{text}: set retry = never, ask or safe", task, fix=_never(task))
+
+
+def _interrupts(handler: SubProcess) -> bool:
+    return any(one.interrupting for one in handler.body.events("start"))
+
+
+def _inside(
+    process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]
+) -> Iterator[tuple[CheckedProcess, FlowNode]]:
+    """An element and all that is executed in it, with their processes."""
+    yield process, node
+    callee = process.called_by(node)
+    if callee is not None and callee not in seen:
+        seen.add(callee)
+        for one in callee.bpmn.body.nodes:
+            yield from _inside(callee, one, seen)
+    for one in node.body.nodes if node.body is not None else ():
+        yield from _inside(process, one, seen)
 
 
 def _together(parts: Iterator[set[str] | None]) -> set[str] | None:

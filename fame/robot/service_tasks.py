@@ -16,7 +16,7 @@ then it is BpmnError ``still_running``. Without it the goal is sent at once: a s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
@@ -30,7 +30,7 @@ from fame.errors import ConfigError, MessageError, ModelError
 from fame.middleware import messages
 from fame.middleware.messages import is_action
 from fame.scripting import Inbox
-from fame.scripting.requests import Act, Call, GoalError, ScriptRequest, check_seconds
+from fame.scripting.requests import STILL_RUNNING, Act, Call, GoalError, ScriptRequest, check_seconds
 
 
 def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
@@ -62,10 +62,10 @@ def call_service(
             response = await _request(task, topic, fields, variables, wait)
         except MessageError as error:
             raise BpmnError(codes.get("service", "service"), str(error)) from error
-        except GoalError as error:
+        except BpmnError as error:
             if not codes:
                 raise
-            raise _goal_error(error, codes) from error
+            raise _renamed(error, codes) from error
         variables.update(_outputs(task, topic, objects, response))
 
     def begin(variables: dict[str, Any]) -> Any:
@@ -140,10 +140,25 @@ def error_codes(task: Task, file: str = "") -> Mapping[str | int, str]:
     return codes  # type: ignore[no-any-return]
 
 
-def _goal_error(error: GoalError, codes: Mapping[str | int, str]) -> BpmnError:
-    """The error with the code that the task gives it, and what the result says."""
-    number = getattr(error.result, "error_code", 0) if error.code == "aborted" else 0
-    text = getattr(error.result, "error_msg", "")
+def failure_codes(task: Task, but: Set[str] = frozenset()) -> set[str]:
+    """Return the codes with which such a task may fail, without some outcomes, as property ``errors`` renames them."""
+    outcomes = {
+        "service",
+        *(("aborted", "canceled", "rejected") if task.service and is_action(task.service.type or "") else ()),
+    }
+    outcomes |= {"lost"} if task.properties.get("retry") in ("never", "ask") else set()
+    outcomes |= {STILL_RUNNING} if "wait_cancelled" in task.properties else set()
+    renamed: Mapping[str | int, str] = {}
+    with suppress(ModelError):  # an invalid one is refused
+        renamed = error_codes(task)
+    return (outcomes - but - renamed.keys()) | {code for outcome, code in renamed.items() if outcome not in but}
+
+
+def _renamed(error: BpmnError, codes: Mapping[str | int, str]) -> BpmnError:
+    """The error with the code that the task gives it, and what the result of a goal says."""
+    result = error.result if isinstance(error, GoalError) else None
+    number = getattr(result, "error_code", 0) if error.code == "aborted" else 0
+    text = getattr(result, "error_msg", "")
     reason = f"error code {number}{f', {text}' if text else ''}" if number else text
     message = f"{error.message} ({reason})" if reason else error.message
     return BpmnError(codes.get(number) or codes.get(error.code, error.code), message)

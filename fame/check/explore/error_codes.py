@@ -20,17 +20,14 @@ from collections.abc import Iterable, Iterator, Mapping, Set
 from fame.bpmn import model
 from fame.bpmn.library import Library
 from fame.dataclasses import dataclass, field
-from fame.errors import FameError, ModelError
-from fame.middleware.messages import is_action
-from fame.robot.service_tasks import error_codes
+from fame.errors import FameError
+from fame.robot.service_tasks import failure_codes
 from fame.scripting.effects import script_effects
-from fame.scripting.requests import STILL_RUNNING
 
 _Thrown = set[str] | None
 """Codes that may be thrown; None: any."""
 _Caught = set[str | None]
 """Codes that are caught; with None among them, any."""
-_OF_ACTIONS = frozenset({"aborted", "canceled", "rejected"})
 _BY_OTHERS = "canceled"
 """The code of a goal that somebody else cancels: nothing in the model or its world brings it about."""
 
@@ -49,36 +46,16 @@ def boundary_codes(node: model.FlowNode, body: model.Body) -> _Caught:
 
 
 def service_codes(task: model.Task, wanted: Set[str] | None) -> set[str]:
-    """Return the codes with which a service or action may fail; its property ``errors`` renames outcomes.
+    """Return the codes with which a service or action may fail.
 
-    Of all codes (`wanted` is None) those are left out that only somebody else's request or ``retry`` brings about.
+    Of all codes (`wanted` is None) those are left out that only somebody else's request or an incident brings about.
     """
     if task.service is None:  # a Python function, or an external worker
         codes = {"script"} if task.operation or wanted is not None else set[str]()
         return codes if wanted is None else codes & wanted
-    renamed = _renamed(task)
-    outcomes = {"service", "lost", *_OF_ACTIONS}
-    if wanted is None:
-        outcomes = {"service", "aborted", "rejected"} if is_action(task.service.type or "") else {"service"}
-        renamed.pop(_BY_OTHERS, None)
-    outcomes |= {STILL_RUNNING} if "wait_cancelled" in task.properties else set()
-    codes = (outcomes - renamed.keys()) | {*renamed.values()}
-    return codes if wanted is None else codes & wanted
-
-
-def _renamed(task: model.Task) -> dict[str | int, str]:
-    """The property ``errors`` as the robot reads it; nothing if it refuses it."""
-    try:
-        return {**error_codes(task)}
-    except ModelError:
-        return {}
-
-
-def named_service_codes(task: model.Task, named: Set[str]) -> set[str]:
-    """Return the codes with which a service or action may fail, of those that properties name."""
-    if task.service is None:
-        return {"script"} & named
-    return service_codes(task, named) - (set() if is_action(task.service.type or "") else _OF_ACTIONS)
+    if wanted is not None:
+        return failure_codes(task) & wanted
+    return failure_codes(task, {_BY_OTHERS, *(["lost"] if task.properties.get("retry") == "ask" else [])})
 
 
 def step_codes(node: model.Activity, thrown: Set[str] | None, body: model.Body) -> set[str]:

@@ -15,7 +15,6 @@ from fame.bpmn.library import Library
 from fame.check.explore.error_codes import (
     boundary_codes,
     computes_code,
-    named_service_codes,
     service_codes,
     step_codes,
     thrown_by,
@@ -72,7 +71,7 @@ class Failures:
         """Return the codes with which a service or action may fail."""
         at_boundary = {code for code in boundary_codes(task, guarded.body) if code and code != "script"}
         codes = at_boundary | service_codes(task, self.facts.catches)
-        named = named_service_codes(task, self.facts.named) - codes
+        named = service_codes(task, self.facts.named) - codes
         if self.any_is_caught(task, guarded):
             return codes | named | {"service" if task.service is not None else "script"}
         return codes | self._unhandled(task, service_codes(task, None) - codes, named)
