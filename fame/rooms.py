@@ -262,6 +262,7 @@ MIDDLEWARES: Mapping[str, str] = {
 # ---- what else the core uses of rooms --------------------------------------------------------------------------------
 
 ADD_DIAGRAM = "fame.layout:add_diagram"
+FEEL_FUNCTIONS = "fame.scripting.feel.language:FUNCTIONS"
 CHECK_DRAWINGS = "fame.cli.draw:check_drawings"
 COLLECT = "fame.cli.fleet.collection:add"
 CONVERT_RECORDING = "fame.mining.conversion:convert"

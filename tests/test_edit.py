@@ -294,7 +294,8 @@ def test_a_scenario_brings_templates_for_its_robots() -> None:
 def test_camunda_8_gets_its_own_modeler(model: Path, tmp_path: Path) -> None:
     model.write_text(OLD.replace("<script>", "<extensionElements><zeebe:taskHeaders/></extensionElements><script>"))
     with ModelEdit(model, tmp_path) as source:
-        assert (source.mission()["modeler"], source.mission()["templates"]) == ("camunda-cloud", [])
+        assert source.mission()["modeler"] == "camunda-cloud"
+        assert all("zeebe" in one["$schema"] for one in source.mission()["templates"])
 
 
 @pytest.mark.parametrize("name", ["m.txt", "nowhere/m.bpmn", "."])
@@ -559,10 +560,30 @@ MENDED = {
 }
 
 
-@pytest.mark.parametrize("kind", MENDED)
-def test_a_finding_with_a_fix_says_what_to_change(kind: str, model: Path) -> None:
+def faulty(kind: str, cloud: bool) -> tuple[str, str]:
+    """A faulty model, and what its fix says. As Camunda 8 has it: conditions in FEEL, properties in its namespace."""
     body, more, text = MENDED[kind]
     content = process(body, more)
+    if cloud:
+        says = 'modeler:executionPlatform="Camunda Cloud" xmlns:modeler="http://camunda.org/schema/modeler/1.0"'
+        content = content.replace("<definitions", f"<definitions {says}").replace("camunda:propert", "zeebe:propert")
+        content = content.replace("Expression>'", 'Expression>"').replace("'</condition", '"</condition')
+        content = content.replace("<conditionExpression>", "<conditionExpression>=").replace(
+            "robot.now", "now().second"
+        )
+        text = text.replace("robot.now", "now().second").replace("not (", "not(").replace("condition ", "condition =")
+    return content.replace("robot.now", "now().second") if cloud else content, text
+
+
+EVERYWHERE = [*((kind, False) for kind in MENDED), *((kind, True) for kind in (
+    "a queue", "a condition", "no quotes", "a message", "a catcher", "a retry", "a property", "a type",
+))]  # fmt: skip
+"""Faulty models of Camunda 7, and those of Camunda 8 whose fixes write something else."""
+
+
+@pytest.mark.parametrize(("kind", "cloud"), EVERYWHERE)
+def test_a_finding_with_a_fix_says_what_to_change(kind: str, cloud: bool, model: Path) -> None:
+    content, text = faulty(kind, cloud)
     found = [one.fix.text for one in check(read_text(content, file=str(model))) if one.fix is not None]
     if kind == "a catcher":  # which is found only where the model is explored
         found += [one["fix"]["text"] for one in explored(content.encode(), job(model))["findings"] if one["fix"]]
@@ -580,12 +601,12 @@ def test_the_topics_of_a_robot_have_the_types_of_its_body(model: Path, tmp_path:
     assert found["fix"]["text"] == "add type = nav_msgs/msg/Odometry"
 
 
-@pytest.mark.parametrize("kind", MENDED)
+@pytest.mark.parametrize(("kind", "cloud"), EVERYWHERE)
 def test_a_faulty_model_is_mended_by_clicks_alone_which_can_be_undone(
-    chromium: Browser, library: Path, model: Path, kind: str
+    chromium: Browser, library: Path, model: Path, kind: str, cloud: bool
 ) -> None:
-    body, more, text = MENDED[kind]
-    model.write_text(process(body, more), "utf-8")  # the page lays it out
+    content, text = faulty(kind, cloud)
+    model.write_text(content, "utf-8")  # the page lays it out
     with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
         page.locator(".fix", has_text=text).first.wait_for()
         clicks = 0
@@ -677,6 +698,41 @@ def test_what_is_typed_is_completed_from_the_scenario(
         page.keyboard.press("Escape")
         until(page, "document.querySelector('#words').hidden")
         until(page, "edit.drawn.includes(\"last = robot.latest('odom'); b<\")")
+
+
+def test_a_model_of_camunda_8_has_templates_and_is_completed_in_feel(
+    chromium: Browser, library: Path, model: Path
+) -> None:
+    shutil.copyfile(ROOT / "tests/models/dialects/camunda8.bpmn", model)
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        known = set(page.evaluate("edit.modeler.get('elementTemplates').getAll().map(one => one.id)"))
+        assert known == {one["id"] for one in source.mission()["templates"]}
+        page.evaluate("edit.select('Flow_5')")
+        page.locator(".bio-properties-panel-group-header-title", has_text="Condition").click()
+        page.locator("#bio-properties-panel-conditionExpression").click()
+        page.keyboard.press("Control+a")
+        page.keyboard.type("dist")
+        page.locator("#words button", has_text="distance").wait_for()
+        page.keyboard.press("Enter")
+        page.keyboard.type(" > cou")
+        page.locator("#words [aria-selected=true]", has_text="countFEEL function").wait_for()
+        if folder := os.environ.get("FAME_SHOTS"):
+            page.screenshot(path=Path(folder) / "edit_feel.png")
+        page.keyboard.press("Tab")
+        until(page, "edit.drawn.includes('=distance &gt; count<')")
+        page.evaluate(
+            """for (const [id, name] of [["Tell", "publish.std_msgs.Bool.IntermediateThrowEvent"],
+                ["Measure_It", "call.GoTo"]]) {
+                const templates = edit.modeler.get("elementTemplates");
+                templates.applyTemplate(edit.modeler.get("elementRegistry").get(id), templates.get(`fame.${name}`));
+            }"""
+        )
+        page.locator("#save").click()
+        until(page, "document.querySelector('#state').textContent === 'saved'")
+    nodes = {node.id: node for node in read_text(model.read_text("utf-8")).processes[0].body.nodes}
+    (thrown, _), called = next(iter(nodes["Tell"].topics())), nodes["Measure_It"]
+    assert (thrown.qualified, thrown.type) == ("/answer", "std_msgs/msg/Bool")
+    assert (called.called, called.io.all_in, called.io.all_out) == ("GoTo", True, True)
 
 
 @pytest.mark.parametrize("cloud", [False, True], ids=["camunda-7", "camunda-8"])

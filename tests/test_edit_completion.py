@@ -60,6 +60,24 @@ def test_what_fits_is_offered(completer: Completer, element: str, field: str, be
 
 
 @pytest.mark.parametrize(
+    ("element", "field", "before", "first"),
+    [
+        ("Flow_5", "feel", "not(dist", "distance"),
+        ("Flow_5", "condition", "=dist", "distance"),
+        ("Wait", "feel", "msg.", "x"),
+        ("Sum", "feel", "if x_weed < 0 and str", "string"),
+        ("Tell", "payload", "={y: y_w", "y_weed"),
+        ("Measure_It", "called", "Mea", "Measure"),
+    ],
+)
+def test_what_fits_is_offered_in_feel(element: str, field: str, before: str, first: str) -> None:
+    completer = Completer(read(Path(__file__).parent / "models/dialects/camunda8.bpmn"), Library())
+    found = completer.complete(element, field, before)
+    assert found.words[0][0] == first
+    assert not {"robot", "sleep"} & {word for word, _ in completer.complete(element, field, "=").words}
+
+
+@pytest.mark.parametrize(
     ("element", "field", "before"),
     [
         (REPORT, "script", "robot.publish"),  # all of it is there

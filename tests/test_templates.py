@@ -10,7 +10,7 @@ import pytest
 from bpmn_text import body_of, extensions, node_of, process
 
 from fame.bpmn.model import CallActivity, Event, SignalDefinition
-from fame.check.element_templates import COMMON, fields_of, payload_of, templates
+from fame.check.element_templates import COMMON, fields_of, of_camunda8, payload_of, templates
 from fame.check.library import behaviours
 from fame.cli import main
 from fame.errors import ModelError
@@ -23,9 +23,9 @@ FOLDER = Path(__file__).parent.parent / "models" / "templates"
 MADE = templates(behaviours())
 ALL = {template["id"]: template for found in MADE.values() for template in found}
 VALIDATE = """
-const { validateAll } = require('@bpmn-io/element-templates-validator');
+const validator = require('@bpmn-io/element-templates-validator');
 const found = JSON.parse(require('node:fs').readFileSync(0, 'utf-8'));
-const { valid, results } = validateAll(found);
+const { valid, results } = validator[`validateAll${process.argv[1] ?? ''}`](found);
 console.log(JSON.stringify({ valid, count: results.length, errors: results.flatMap(one => one.errors || []) }));
 """
 
@@ -123,9 +123,10 @@ def validating(node_modules: Path) -> list[str]:
     return ["env", f"NODE_PATH={node_modules}", "node", "-e", VALIDATE]
 
 
-def test_the_validator_of_the_modeler_accepts_them(validating: list[str]) -> None:
-    told = validated(validating, list(ALL.values()))
-    assert told == {"valid": True, "count": len(ALL), "errors": []}
+@pytest.mark.parametrize("camunda_8", [False, True])
+def test_the_validator_of_the_modeler_accepts_them(validating: list[str], camunda_8: bool) -> None:
+    found = [made for one in ALL.values() for made in (of_camunda8(one) if camunda_8 else [one])]
+    assert validated(validating, found, "Zeebe" * camunda_8) == {"valid": True, "count": len(found), "errors": []}
 
 
 def test_the_validator_does_not_accept_everything(validating: list[str]) -> None:
@@ -133,8 +134,8 @@ def test_the_validator_does_not_accept_everything(validating: list[str]) -> None
     assert not validated(validating, [first | {"appliesTo": "everything"}])["valid"]
 
 
-def validated(validating: list[str], found: list[dict[str, Any]]) -> Any:
-    done = subprocess.run(validating, input=json.dumps(found), capture_output=True, text=True, check=True)
+def validated(validating: list[str], found: list[dict[str, Any]], of: str = "") -> Any:
+    done = subprocess.run([*validating, of], input=json.dumps(found), capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
 

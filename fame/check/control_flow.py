@@ -96,8 +96,9 @@ def _conditions(process: CheckedProcess, graph: FlowGraph, node: FlowNode) -> It
             text = "is the default flow: its condition is never evaluated"
             yield process.finding("warning", text, flow, fix=_conditional(flow, ""))
         elif flow.condition is not None and _is_quoted(flow.condition):
-            text = f"its condition is a text in quotes, always true: expected {flow.condition.text[1:-1]}"
-            yield process.finding("warning", text, flow, fix=_conditional(flow, flow.condition.text[1:-1]))
+            expected = _NEGATIONS[flow.condition.language][0] + flow.condition.text[1:-1]
+            text = f"its condition is a text in quotes, always true: expected {expected}"
+            yield process.finding("warning", text, flow, fix=_conditional(flow, expected))
         elif flow.condition is not None and blind:
             text = f"its condition is never evaluated: {node.display_name} takes no conditions"
             yield process.finding("warning", text, flow, fix=_conditional(flow, ""))
@@ -111,7 +112,11 @@ def _is_quoted(condition: Expression) -> bool:
     """Whether the whole condition is one string literal."""
     text = condition.text
     quoted = len(text) > 2 and text[0] == text[-1] and text[0] in "'\""
-    return condition.language == "python" and quoted and text[0] not in text[1:-1]
+    return condition.language in _NEGATIONS and quoted and text[0] not in text[1:-1]
+
+
+_NEGATIONS = {"python": ("", "not (", ") and not ("), "feel": ("=", "not(", ") and not(")}
+"""Language of conditions that a fix writes -> what a condition begins with, and what a negated one, and the next."""
 
 
 def _ways_out(process: CheckedProcess, graph: FlowGraph, gateway: Gateway) -> Iterator[Finding]:
@@ -138,10 +143,12 @@ def _open_flows(process: CheckedProcess, gateway: Gateway, flows: list[SequenceF
                 f"has no condition, so {gateway.display_name} always takes it: give it one, or mark it as the default"
             )
             others = [one.condition for one in flows if one not in (flow,) and one.id != gateway.default]
-            known = [one.text for one in others if one is not None and one.language == "python"]
+            known = [one.text for one in others if one is not None and one.language in _NEGATIONS]
+            languages = {one.language for one in others if one is not None}
             fix = Fix("mark it as the default", gateway.id, "default", flow.id) if not gateway.default else None
-            if gateway.default and known and len(known) == len(others):
-                fix = _conditional(flow, f"not ({') and not ('.join(known)})")
+            if gateway.default and known and len(known) == len(others) and len(languages) == 1:
+                mark, negation, following = _NEGATIONS[languages.pop()]
+                fix = _conditional(flow, f"{mark}{negation}{following.join(known)})")
             yield process.finding("warning", text, flow, fix=fix)
 
 

@@ -1,9 +1,9 @@
 """Element templates for Camunda Modeler: message types, payloads and behaviours to choose from.
 
-They follow the schema of Camunda 7. A template sets `camunda:property` entries, as a person would by hand, so a model
-that was made with templates is read like any other. `templates` gives the files: what to publish, what to receive, data
-objects, calls, services, properties of the team, and topics of the robots of a world. Each template shows the other
-entries of the properties panel too, since a signal is chosen there.
+They follow the schema of Camunda 7; `of_camunda8` makes others of them. A template sets `camunda:property` entries, as
+a person would by hand, so a model that was made with templates is read like any other. `templates` gives the files:
+what to publish, what to receive, data objects, calls, services, properties of the team, and topics of the robots of a
+world. Each template shows the other entries of the properties panel too, since a signal is chosen there.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from fame.middleware import messages
 Template = dict[str, Any]
 
 SCHEMA = "https://unpkg.com/@camunda/element-templates-json-schema/resources/schema.json"
+CAMUNDA8 = "https://unpkg.com/@camunda/zeebe-element-templates-json-schema/resources/schema.json"
 PACKAGES = ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs")
 """Packages whose types can be chosen."""
 COMMON = (
@@ -67,6 +68,49 @@ def templates(
         "services": [_ask("service", "srv", "Request"), _ask("action", "action", "Goal")],
         "properties": [_deadline(), _requirement(), _annotation()],
     } | (bodies if bodies["robots"] else {})
+
+
+def of_camunda8(template: Mapping[str, Any]) -> Iterator[Template]:
+    """Return templates for the modeler of Camunda 8 that set the same, as `zeebe:property` entries.
+
+    A template of theirs takes away the signal or message of its event but for the one that it names. So each is for one
+    type of event, and has the name as an entry.
+    """
+    entries = [made for entry in template["properties"] for made in _of_camunda8(entry)]
+    made = {**template, "$schema": CAMUNDA8, "properties": entries}
+    refers = _REFERS.get(template["id"].split(".")[1])
+    for place in template["appliesTo"] if refers else ():
+        kind = refers if place in (*CATCHES, *THROWS) else "Message"
+        name = {"label": f"{kind} name", "type": "String", "binding": {"type": f"bpmn:{kind}#property", "name": "name"}}
+        type = {"value": place} | ({} if "Task" in place else {"eventDefinition": f"bpmn:{kind}EventDefinition"})
+        id = f"{template['id']}.{place.removeprefix('bpmn:')}"
+        yield made | {"id": id, "appliesTo": [place], "elementType": type, "properties": [name, *entries]}
+    others = [one for one in template["appliesTo"] if one not in (*CATCHES, *THROWS)]
+    if others and not refers:
+        yield made | {"appliesTo": others}
+
+
+_REFERS = dict.fromkeys(("publish", "receive", "robot"), "Signal") | dict.fromkeys(("send", "correlate"), "Message")
+"""First word of a template's name -> what its events refer to."""
+
+
+def _of_camunda8(entry: Template) -> Iterator[Template]:
+    binding = entry["binding"]
+    if binding["name"] == "calledElement":
+        yield entry | {"binding": _called("processId")}
+        for variables in ("propagateAllParentVariables", "propagateAllChildVariables"):  # as a call without mappings
+            yield {"type": "Hidden", "value": True, "binding": _called(variables)}
+    elif binding["type"] == "property":
+        yield entry
+    elif entry["value"]:
+        yield entry | {"binding": binding | {"type": "zeebe:property"}}
+    else:  # or it would write an empty property; what is optional has no constraints
+        kept = {name: value for name, value in entry.items() if name != "constraints"}
+        yield kept | {"binding": binding | {"type": "zeebe:property"}, "optional": True}
+
+
+def _called(property: str) -> Template:
+    return {"type": "zeebe:calledElement", "property": property}
 
 
 def message_types(folders: Iterable[Path]) -> list[str]:

@@ -18,9 +18,10 @@ from fame.check.scope import CheckedProcess, find_scope
 from fame.check.variables import sharing, uses_of
 from fame.dataclasses import dataclass
 from fame.engine.data import variable_name
-from fame.errors import MessageError, ModelError
+from fame.errors import MessageError, ModelError, UnavailableError
 from fame.middleware import messages
 from fame.middleware.interface import TopicInfo
+from fame.rooms import FEEL_FUNCTIONS, load
 from fame.scripting.interface import NAMES, Robot
 
 MOST = 40
@@ -67,11 +68,13 @@ class Completer:
     def complete(self, element: str, field: str, before: str) -> Suggestions:
         """Return what fits behind the text `before` the caret in a field of an element.
 
-        Fields are ``script``, ``condition``, ``signal``, ``called``, and the names of extension properties.
+        Fields are ``script``, ``condition``, ``feel``, ``signal``, ``called``, and the names of extension properties.
         """
         opened = before.rpartition("${")
         if opened[1] and "}" not in opened[2]:
             before, field = opened[2], "condition"
+        elif before.startswith("=") and field != "script":
+            field = "feel"
         for fields, pattern, words in _RULES:
             if field in fields and (found := pattern.search(before)) is not None:
                 part, known = found["part"], words(self, element, found)
@@ -139,6 +142,14 @@ class Completer:
         return dict.fromkeys(sorted(self._library.names(self._model)), "")
 
 
+def feel(completer: Completer, element: str) -> Words:
+    """Return the variables of an element's process, and the functions of FEEL."""
+    functions = dict[str, str]()
+    with suppress(UnavailableError):  # without the room
+        functions = dict.fromkeys(sorted(load(FEEL_FUNCTIONS)), "FEEL function")
+    return {name: about for name, about in completer.variables(element).items() if name not in NAMES} | functions
+
+
 def fields(type: str, path: Iterable[str] = ()) -> Words:
     """Return the fields of a message type, or of what `path` leads to in it, with their types."""
     try:
@@ -185,7 +196,8 @@ _RULES = (
     _rule("script", _CALL + _TEXT, lambda it, at, found: it.topics(at)),
     _rule("script", _CALL + _STRING + _TEXT, lambda it, at, found: types(it.topics(at).get(found[1], ""))),
     _rule("script", _CALL + _STRING * 2 + r"(?:[^()]*\W)?", lambda it, at, found: fields(found[2])),
-    _rule("script condition", r"(?P<path>[^\W\d]\w*(?:\.\w+)*)\.", _path),
+    _rule("script condition feel", r"(?P<path>[^\W\d]\w*(?:\.\w+)*)\.", _path),
+    _rule("feel", r"(?P<part>[^\W\d]\w*)", lambda it, at, found: feel(it, at)),
     _rule("script condition", r"(?P<part>[^\W\d]\w*)", lambda it, at, found: it.variables(at)),
     _rule("signal", _ALL, lambda it, at, found: {one.removeprefix("/"): type for one, type in it.topics(at).items()}),
     _rule("called", _ALL, lambda it, at, found: it.called()),

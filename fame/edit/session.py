@@ -23,7 +23,7 @@ from fame.bpmn.reader import read_bytes, read_text
 from fame.bpmn.reader.xml import CAMUNDA, ZEEBE, parse, read_file
 from fame.bpmn.tags import decoded
 from fame.check import Finding, check
-from fame.check.element_templates import message_types, templates
+from fame.check.element_templates import message_types, of_camunda8, templates
 from fame.check.library import behaviours
 from fame.check.scope import of_error
 from fame.config.loader import read_document
@@ -141,7 +141,7 @@ class ModelEdit(ModelWatch):
             "text": decoded(self._shown(content), str(self.model))[0],
             "hash": _hash(content),
             "modeler": "camunda-cloud" if cloud else "camunda-platform",
-            "templates": [] if cloud else self._templates(),
+            "templates": [made for one in self._templates() for made in (of_camunda8(one) if cloud else [one])],
             "control": ["save", "check", "compare", "explore"],
             "team": self.change is not None,
             "robots": [],
