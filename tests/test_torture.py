@@ -53,6 +53,13 @@ def test_a_run_is_recorded_without_being_changed_and_byte_for_byte_the_same_agai
         assert {event.robot for event in recording.events()} == {"A"}
 
 
+def test_a_run_without_an_end_is_a_finding() -> None:
+    starts_itself = ["beside", 1, [["throw", 2, "a"], ["timer", 3, "PT2S"]], "a", [["throw", 4, "a"], ["note", 5]]]
+    mission = {"robots": {"A": [starts_itself]}, "calls": {}, "calm": False, "edits": {}}
+    plan = Plan(1, (Step(0.0, "start", "A"), Step(0.5, "deploy", "1", 1)), heal=5.0, mission=mission)
+    assert [one for one in outcome(plan)[0] if "A does not come to rest" in one]
+
+
 def test_what_runs_beside_the_robots_is_struck_while_it_runs() -> None:
     steps = [Step(0.0, "watched"), Step(0.0, "drives"), *(Step(0.1, "start", robot) for robot in ROBOTS)]
     steps += [Step(3.0, "kill monitor", "", 1.0), Step(3.0, "kill server", "", 1.0)]

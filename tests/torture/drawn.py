@@ -386,8 +386,11 @@ def _edited(steps: Sequence[Step], edits: Mapping[int, Step]) -> Iterator[Step]:
                 yield [other, 1000 + number]
             case ["bare"]:  # without its handler
                 step = ["sub", number, rest[1 if kind == "limit" else 0]]
+            case ["changed"]:  # a handler that interrupts no more must not start itself
+                body, trigger, handler = step[2:]
+                step = [_OTHER[kind], number, body, trigger, _quiet(handler)]
             case ["changed", *others]:
-                step = [kind, number, *others] if others else [_OTHER[kind], *step[1:]]
+                step = [kind, number, *others]
         yield step
 
 

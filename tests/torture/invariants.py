@@ -20,7 +20,7 @@ from .drawn import LAST, RETRIES, edits_of, help_needed, is_started, kinds_met, 
 from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
-from .processes import ids_of
+from .processes import EndlessRunError, ids_of
 from .states import differences
 from .team import SEND_GOAL, STRANGER, Said, Team
 
@@ -28,7 +28,10 @@ from .team import SEND_GOAL, STRANGER, Said, Team
 def judge(team: Team) -> list[str]:
     """Run a team to its end, and return what does not hold."""
     with computed_once(), ids_of(team.plan.seed):
-        return _judge(team)
+        try:
+            return _judge(team)
+        except EndlessRunError as error:
+            return [str(error), *team.problems]
 
 
 def _judge(team: Team) -> list[str]:

@@ -45,8 +45,19 @@ def ids_of(seed: int) -> Iterator[None]:
         yield
 
 
+LONGEST = 200_000
+"""How many entries a run has at most: few have more than 20,000."""
+
+
+class EndlessRunError(BaseException):
+    """A run has no end: what is done leads to more and more. No process may catch this."""
+
+
 class Timeline(Scheduler):
-    """The time of a team. One queue has what is to be done and the entries of all processes, in their order."""
+    """The time of a team. One queue has what is to be done and the entries of all processes, in their order.
+
+    Raises EndlessRunError for more than `LONGEST` entries.
+    """
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         return self.enter(time, 0, Entry(time, action, self), kind)
@@ -56,7 +67,10 @@ class Timeline(Scheduler):
         if time < self.now:
             time = self.now
         entry.time = time - origin
-        heappush(self._heap, (time, kind, next(self._sequence), entry))
+        number = next(self._sequence)
+        if number > LONGEST:
+            raise EndlessRunError(f"the run does not end: {LONGEST} entries at {self.now / SECOND:g} s")
+        heappush(self._heap, (time, kind, number, entry))
         return entry
 
     def _work(self, until: int | None) -> None:

@@ -47,9 +47,11 @@ from .drawn import ASK, GOALS, accepts, durations_of, end_goal, help_needed, is_
 from .fabric import Fabric, Wire
 from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
-from .processes import WRITING, Machine, Process, Timeline
+from .processes import WRITING, EndlessRunError, Machine, Process, Timeline
 from .states import Witness, stored
 
+AT_ONCE = 2_000
+"""How many events the missions of a team have at one instant at most."""
 SEND_GOAL = "/go/_action/send_goal"
 STRANGER = 66
 """The version that somebody deploys who has no key of the team."""
@@ -192,6 +194,7 @@ class Team:
         self._away = 1.0  # how long a machine without power is away (s)
         self._ahead: list[Entry] = []  # what comes from outside: steps, and what ends them
         self.healed = math.inf  # when all faults have ended (s)
+        self._event_at, self._at_once = 0.0, 0  # when an event of a mission was last, and how many there were then
         self._rested = 0.0  # for how long nothing has been under way (s)
         self._told = 0  # how many lines there were then
 
@@ -588,6 +591,10 @@ class Team:
 
     def _on_event(self, robot: Robot, event: Event) -> None:
         now = self.scheduler.now / SECOND
+        self._at_once = self._at_once + 1 if now == self._event_at else 0
+        self._event_at = now
+        if self._at_once > AT_ONCE:
+            raise EndlessRunError(f"{robot.name} does not come to rest: {AT_ONCE} events at {now:g} s")
         if robot.engine is not None:
             robot.witness.on_event(now, robot.engine, event)
         if (
