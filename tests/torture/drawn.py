@@ -249,14 +249,21 @@ class _Lasting(_Process):
 
     def _limit(self, before: str, time: str, body: Sequence[Step]) -> str:
         """What never comes, until a timer ends it; beside it a cycle whose handler counts nothing that matters."""
-        never = self._sub(before, [*body, ["catch", 2000 + self._place[0], "never"]])
-        cycle = "<timerEventDefinition><timeCycle>R3/PT1.5S</timeCycle></timerEventDefinition>"
-        beside = self.node("boundaryEvent", cycle, f'attachedToRef="{never}" cancelActivity="false"', "loose_cycle")
-        self.flow(beside, loose := self.script("loose = globals().get('loose', 0) + 1", "loose"))
-        self.flow(loose, self.node("endEvent", "", "", "loose_end"))
+        never = self._repeat(self._sub(before, [*body, ["catch", 2000 + self._place[0], "never"]]), "R3/PT1.5S")
         timer = f"<timerEventDefinition><timeDuration>{time}</timeDuration></timerEventDefinition>"
         self.flow(never, self.node("endEvent", "", "", "end"))
         return self.node("boundaryEvent", timer, f'attachedToRef="{never}"', "limit")
+
+    def _beat(self, before: str, cycle: str, body: Sequence[Step]) -> str:
+        """What a cycle goes on beside: its handler counts nothing that matters."""
+        return self._repeat(self._sub(before, body), cycle)
+
+    def _repeat(self, host: str, cycle: str) -> str:
+        repeated = f"<timerEventDefinition><timeCycle>{cycle}</timeCycle></timerEventDefinition>"
+        event = self.node("boundaryEvent", repeated, f'attachedToRef="{host}" cancelActivity="false"', "loose_cycle")
+        counted = self.after(event, self.script("loose = globals().get('loose', 0) + 1", "loose"))
+        self.after(counted, self.node("endEvent", "", "", "loose_end"))
+        return host
 
     def _never(self, before: str, body: Sequence[Step]) -> str:
         """An activity with a boundary event that is armed, and never comes."""
@@ -430,6 +437,10 @@ def draw(seed: int) -> Mission:
     for version in ("2", "3", "4"):
         if steps and chance.random() < 0.8:
             mission["edits"][version] = [_edit(chance, chance.choice(steps)) for _ in range(chance.randint(1, 3))]
+    beats = random.Random(f"beats {seed}")  # of its own, so that no other draw changes
+    for number, (name, steps) in enumerate(mission["robots"].items(), 900):
+        if not is_started(mission, name) and beats.random() < 0.4:
+            mission["robots"][name] = [["beat", number, beats.choice(("R9/PT2S", "R6/PT3.3S", "R4/PT7S")), steps]]
     return mission
 
 
@@ -496,7 +507,7 @@ _NESTED = ("and", "and", "each", "turns", "sub", "call", "own", "until", "times"
 _WILD = ("throw", "catch", "queue", "send", "inbox", "race", "resume", "beside", "watch", "guard", "scope", "fail")
 
 
-KINDS = tuple(dict.fromkeys((*_SIMPLE, *_NESTED, *_WILD, "hear", "order", "serve")))
+KINDS = tuple(dict.fromkeys((*_SIMPLE, *_NESTED, *_WILD, "hear", "order", "serve", "beat")))
 EDITS = ("removed", "wrapped", "before", "changed", "bare")
 """What is counted: kinds of steps, a robot of which has come to one; kinds of edits between two versions that met."""
 

@@ -233,7 +233,36 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
     if chance.random() < 0.4:  # a network that is bad all the time
         bad = {"delay": chance.choice((0.2, 0.6, 2.0)), "twice": 0.5, "loss": 0.3}
         steps += [Step(0.0, kind, "", [bad[kind], heal]) for kind in chance.sample(sorted(bad), 2)]
+    steps += _moments(random.Random(f"moments {plan.seed}"), mission, begun)
     return Plan(plan.seed, _sorted(step for step in steps if step.time < heal), heal, mission)
+
+
+def _moments(chance: random.Random, mission: drawn.Mission, begun: float) -> list[Step]:
+    """Crashes where it matters most: when a robot has come to some element, or has promised, and again once it is back.
+
+    Numbers of its own, so that no other draw has changed since there is more to draw.
+    """
+    names, steps, soon = tuple(mission["robots"]), list[Step](), _rounded(begun + chance.random())
+    if chance.random() < 0.5:
+        robot = chance.choice(names)
+        kinds = sorted({step[0] for step in drawn.walk(mission["robots"][robot])} - {"beat"})
+        moments = [f"at {chance.choice(kinds)}"] * bool(kinds) + ["goal", "goal", "at timer", "effect"]
+        again = f"{robot} resumed"
+        for on in (f"{robot} {chance.choice(moments)}", *[again] * chance.choice((0, 1, 1, 2))):
+            kind = chance.choices(("kill", "battery", "power"), (6, 1, 1))[0]
+            away = _rounded(chance.choice((0.1, 0.5, 3.0)) * (0.5 + chance.random()))
+            value = [away, _rounded(chance.choice((9, 200)) * chance.random())] if kind == "battery" else away
+            steps.append(Step(soon, kind, robot, value, on))
+    if chance.random() < 0.2:
+        robot, away = chance.choice(names), _rounded(0.5 + 3 * chance.random())
+        steps += [Step(soon, "kill", robot, away, f"{robot} {on}") for on in ("ready", "resuming")]
+    if chance.random() < 0.2:  # others give a sender up just as it is heard again
+        steps.append(Step(soon, "mute", DESK, _rounded(chance.uniform(5, 6.5)), f"{chance.choice(names)} ready"))
+        steps.append(Step(0.0, "delay", "", [chance.choice((0.6, 2.0)), 20.0]))
+    if chance.random() < 0.15:
+        robot, moment = chance.choice(names), chance.choice(("at tell", "at go", "effect"))
+        steps.append(Step(soon, "full", robot, [chance.randrange(2000), 2.0], f"{robot} {moment}"))
+    return steps
 
 
 def _early(chance: random.Random, end: float) -> float:

@@ -11,6 +11,7 @@ import re
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 from fame.clock import SECOND
@@ -130,8 +131,11 @@ def requests_of(recorder: DurableRecorder) -> State:
 
 def _kept(node: RobotNode, elements: set[str]) -> State:
     """What a migration keeps of a mission: variables, and tokens at elements that both models have."""
+    catching = {one for all in node.engine.listeners.values() for one in all}
+    boxes = [one for one in catching if isinstance(one, Mailbox) and one.node.id in elements]
     return {
         "variables": {f"{key}": _Writer().write(one.variables) for key, one in node.engine.instances.items()},
+        "queues": {one.node.id: _Writer().write(one.messages) for one in sorted(boxes, key=attrgetter("key"))},
         "tokens": sorted(id for one in node.engine.instances.values() for id in one.waiting if id in elements),
         "incidents": sorted(one.node.id for one in node.engine.incidents if one.node.id in elements),
         "suspended": node.suspension.by,

@@ -99,6 +99,7 @@ class Robot:
     fresh: bool = False  # whether a person has put its old state aside
     began: float = 0.0  # when its process began (s)
     continued: float = 0.0  # when it was last continued after a stop (s)
+    resumes: bool = False  # whether it has not been seen since it began to resume
     excuses: list[tuple[float, str]] = field(default_factory=list)  # why what it does may be done again, since when (s)
     witness: Witness = field(default_factory=lambda: Witness(lambda text: None))
 
@@ -224,6 +225,9 @@ class Team:
             self._check_followed()
         for robot in self.robots.values():
             robot.witness.look(self.scheduler.now / SECOND, robot.process, robot.engine)
+            if robot.resumes and robot.engine is not None and not robot.engine.resuming:
+                robot.resumes = False
+                self._on_moment(f"{robot.name} resumed")
             if robot.witness.held:
                 robot.excuses.append((self.scheduler.now / SECOND, "cancel"))
         self._rested = self._rested + seconds if len(self.lines) == self._told and not self._is_busy() else 0.0
@@ -579,6 +583,7 @@ class Team:
         )
         self._listen(robot, robot.engine, process)
         if robot.engine.resuming:
+            robot.resumes = True
             self._on_moment(f"{robot.name} resuming")
 
     def _on_report(self, event: Event) -> None:
@@ -597,12 +602,16 @@ class Team:
             raise EndlessRunError(f"{robot.name} does not come to rest: {AT_ONCE} events at {now:g} s")
         if robot.engine is not None:
             robot.witness.on_event(now, robot.engine, event)
+        if event.what == "enter" and self._armed and event.element:
+            self._on_moment(f"{robot.name} at {event.element.rsplit('_', 2)[0].partition('_')[2]}")
         if (
             event.what == "cancel"
             or "_handler_" in event.element
             or re.search("; retry: [as]|retried|moved|restarted|taken over|suspended|holds|incident", str(event.detail))
         ):
             robot.excuses.append((now, "cancel"))
+        if "server does not know" in str(event.detail):
+            self._check_lost(robot, event.element)
 
     def _check_written(self, variable: str, topic: str, process: str) -> None:
         """What leaves is on the disk: should the power go now, its robot would know of it."""
@@ -644,6 +653,17 @@ class Team:
         if since >= 0 and robot.durable and not (robot.spoilt or excused or started):
             self.problems.append(f"{robot.name} has sent its goal {number} again, which its server has")
         self._sent[server, robot.name, number] = goal.id
+
+    def _check_lost(self, robot: Robot, element: str) -> None:
+        """A goal that its server had when a robot was started, the server knows when it is asked."""
+        program, node = self.programs["server"], robot.engine.running if robot.engine is not None else None
+        if program.process is None or node is None or node.host.recorder is None:
+            return
+        server = program.process.name
+        for wait, (goal, *_) in node.host.recorder._goals.items():
+            begun = self._begun.get((server, bytes.fromhex(goal)), math.inf)
+            if wait.alive and wait.node.id == element and 0 <= begun < robot.began:
+                self.problems.append(f"{robot.name} says that its server does not know a goal of {element}: it does")
 
     def _check_followed(self) -> None:
         """A goal that is executed is one that a task waits for, or was cancelled and is not lost sight of."""
@@ -717,9 +737,11 @@ class Team:
 
     def _on_moment(self, moment: str) -> None:
         """Do what waits for this."""
-        for step in [step for step in self._armed if step.on == moment]:
+        waiting = [step for step in self._armed if step.on == moment]
+        for step in waiting[:1] if moment.endswith(" resumed") else waiting:  # of crashes one after the other
             self._armed.remove(step)
             soon = 0.3 * (step.time % 1) ** 2 if moment.endswith((" goal", " effect")) else 0.0
+            soon = 2 * (step.time % 1) ** 2 if " at " in moment else soon
             self._later(soon, partial(self._do, step))
 
     def _strike(self, robot: Robot, kind: str, away: float) -> bool:
