@@ -9,6 +9,8 @@ rclpy and its contexts, where it is installed. In ``zenoh crowd`` no session lea
 from __future__ import annotations
 
 import importlib.util
+import socket
+import threading
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -35,6 +37,7 @@ BACKENDS = [
     "local",
     pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("dds apart", marks=[needs("cyclonedds"), pytest.mark.dds]),
+    pytest.param("dds relay", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("zenoh", marks=[needs("zenoh"), pytest.mark.zenoh]),
     pytest.param("zenoh apart", marks=[needs("zenoh"), pytest.mark.zenoh, pytest.mark.long]),
     pytest.param("zenoh crowd", marks=[needs("zenoh"), pytest.mark.zenoh, pytest.mark.long]),
@@ -152,6 +155,8 @@ def world(backend: str) -> World:
         return LocalWorld()
     if backend == "zenoh crowd":
         return CrowdWorld()
+    if backend == "dds relay":
+        return RelayWorld()
     apart = backend.endswith("apart")
     return {"dds": dds_world, "ros": ros_world, "zenoh": zenoh_world}[backend.split()[0]](apart=apart)
 
@@ -192,6 +197,34 @@ class CrowdWorld(WallWorld):
     def close(self) -> None:
         super().close()
         self._hall.close()
+
+
+class RelayWorld(WallWorld):
+    """Each node in a middleware of its own, all on one participant, which another process has: here a thread."""
+
+    def __init__(self) -> None:
+        from fame.middleware.dds import DdsScheduler
+        from fame.middleware.dds.relay import Relay
+        from fame.middleware.dds.relayed import RelayedMiddleware
+
+        self._there = DdsScheduler()
+        self.relay = Relay(self._there, domain=DOMAIN)
+        self._thread = threading.Thread(target=self._there.run)
+
+        def make(scheduler: WallScheduler, **options: Any) -> Middleware:
+            here, there = socket.socketpair()
+            self._there.soon(partial(self.relay.serve, there))
+            return RelayedMiddleware(scheduler, here, **options)
+
+        super().__init__(WallScheduler(), make, apart=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        super().close()
+        if self._thread.is_alive():
+            self._there.stop()
+            self._thread.join()
+            self.relay.close()
 
 
 def middlewares(world: World) -> Iterable[Any]:

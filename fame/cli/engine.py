@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -13,9 +14,10 @@ from fame.cli.arguments import Commands, Parser, add_library, add_trust, command
 from fame.cli.network import add_network, guard, lockstep, note_ready, wait_until
 from fame.cli.output import note, survive_stdout
 from fame.errors import ConfigError, FameError
-from fame.rooms import ENGINE_LOG, METRICS, MIDDLEWARES, ZENOH_MEETING, load
+from fame.rooms import DDS_RELAY, ENGINE_LOG, METRICS, MIDDLEWARES, ZENOH_MEETING, load
 
 if TYPE_CHECKING:
+    import socket
     from datetime import datetime
 
     from fame.bpmn.library import Library
@@ -152,15 +154,17 @@ def _address(text: str) -> tuple[str, int]:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
-    arguments.name = arguments.names[0]
+    arguments.name, arguments.relay = arguments.names[0], None
     survive_stdout()
     if len(arguments.names) > 1:
         from fame.scenario.forking import fork_each
 
         _prepare_several(arguments)
-        arguments.name, children = fork_each(arguments.names)
+        arguments.name, children, ends = fork_each(arguments.names)
         if children:
-            return _wait(arguments, children)
+            return _wait(arguments, children, ends)
+        if arguments.middleware == "dds" and not arguments.lockstep:
+            (arguments.relay,) = ends
     return _run_one(arguments)
 
 
@@ -180,22 +184,37 @@ def _prepare_several(arguments: Namespace) -> None:
     preload_all()
 
 
-def _wait(arguments: Namespace, children: Mapping[int, str]) -> int:
+def _wait(arguments: Namespace, children: Mapping[int, str], ends: Sequence[socket.socket]) -> int:
     """Wait for the engines, and be the process in which they meet. Their exit code: the first that is not 0."""
     from fame.scenario.forking import wait_for
 
     with ExitStack() as opened:
-        if arguments.middleware == "zenoh" and arguments.network is None:
-            from fame.middleware.wire_base import domain_id
-
-            meeting = load(ZENOH_MEETING)(domain_id(), len(children))
-            if meeting is not None:
-                opened.callback(meeting.close)
-        codes = wait_for(children)
+        codes = wait_for(children, _meeting(arguments, ends, opened))
     for name, code in codes.items():
         if code < 0:
             note(f"fame: engine {name} was ended by signal {-code}")
     return next((code if code > 0 else 1 for code in codes.values() if code), 0)
+
+
+def _meeting(arguments: Namespace, ends: Sequence[socket.socket], opened: ExitStack) -> Callable[[float], object]:
+    """Open what the engines meet in. Return how to wait for so many seconds meanwhile."""
+    if arguments.middleware == "dds" and not arguments.lockstep:
+        from fame.clock import SECOND
+        from fame.scenario.process import scheduler_for
+
+        scheduler = scheduler_for("dds")
+        relay = load(DDS_RELAY)(scheduler, network=arguments.network)
+        opened.callback(relay.close)
+        for end in ends:
+            relay.serve(end)
+        return lambda seconds: scheduler.run(scheduler.now + round(seconds * SECOND))
+    if arguments.middleware == "zenoh" and arguments.network is None:
+        from fame.middleware.wire_base import domain_id
+
+        meeting = load(ZENOH_MEETING)(domain_id(), len(ends))
+        if meeting is not None:
+            opened.callback(meeting.close)
+    return time.sleep
 
 
 def _run_one(arguments: Namespace) -> int:
@@ -267,7 +286,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         if arguments.seed is not None:
             opened.enter_context(ModuleRandom(arguments.seed, arguments.name))
         several = len(arguments.names) if len(arguments.names) > 1 else 0
-        serve(arguments.middleware, arguments.network, build, crowd=several)
+        serve(arguments.middleware, arguments.network, build, crowd=several, relay=arguments.relay)
 
 
 def check_options(arguments: Namespace) -> None:

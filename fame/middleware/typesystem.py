@@ -162,14 +162,15 @@ def register(text: str, name: str) -> list[str]:
     Returns their full names. The same text again does nothing. Types that it refers to may follow later. Raises
     MessageError for a text that cannot be read, and for a type that is there already but different.
     """
-    return _add(from_text(text, name))
+    return add(from_text(text, name))
 
 
 class _Conflict(MessageError):
     """There is a type of this name already, with other content."""
 
 
-def _add(contents: Iterable[Definition]) -> list[str]:
+def add(contents: Iterable[Definition]) -> list[str]:
+    """Add types. Raises as `register`."""
     described = {content.name: content for content in contents}
     with _lock:
         known = _table()
@@ -203,7 +204,7 @@ def register_files(path: str | Path, package: str = "") -> list[str]:
             try:
                 if file.stat().st_size > LONGEST:
                     raise MessageError(f"has more than {LONGEST:,} bytes", type=name)
-                described[name] = _add(from_text(file.read_text("utf-8"), name))
+                described[name] = add(from_text(file.read_text("utf-8"), name))
             except _Conflict:
                 raise
             except (MessageError, OSError, ValueError) as problem:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import socket
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,19 +21,25 @@ _LOOK = 0.2
 """How often the parent looks who has ended (s)."""
 
 
-def fork_each(names: Sequence[str]) -> tuple[str, dict[int, str]]:
-    """Make a process for each name. Return its name in each of them, and in this one "" and the name by process id."""
+def fork_each(names: Sequence[str]) -> tuple[str, dict[int, str], list[socket.socket]]:
+    """Make a process for each name. Return its name in each of them, and in this one "" and the name by process id;
+    and the ends of sockets that connect each process with this one: of each its own, in this one all."""
     gc.freeze()  # a collection would write to what is there, and memory that processes share would be copied
     sys.stdout.flush()
     sys.stderr.flush()
-    parent, children = os.getpid(), dict[int, str]()
+    parent, children, ends = os.getpid(), dict[int, str](), list[socket.socket]()
     for name in names:
+        here, there = socket.socketpair()
         process = os.fork()
         if not process:
             forked(parent)
-            return name, {}
+            for end in (*ends, here):  # else they stay open when that process has ended
+                end.close()
+            return name, {}, [there]
+        there.close()
         children[process] = name
-    return "", children
+        ends.append(here)
+    return "", children, ends
 
 
 def wait_for(children: Mapping[int, str], rest: Callable[[float], object] = time.sleep) -> dict[str, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ from fame.config.loader import find_object, registered
 from fame.errors import ConfigError, FameError
 from fame.middleware.interface import EndpointWarning, Middleware
 from fame.robot.events import Event
-from fame.rooms import MIDDLEWARES, load
+from fame.rooms import DDS_RELAYED, MIDDLEWARES, load
 from fame.scenario.service_manager import Notifier
 
 _ENDING = 3
@@ -135,14 +136,20 @@ def connect(
     on_warning: Callable[[EndpointWarning], object] | None = None,
     *,
     crowd: int = 0,
+    relay: socket.socket | None = None,
 ) -> Middleware:
     """Return the middleware of a process; with `crowd`, of one of so many that were started together.
+
+    With `relay`, its participant is in the process at the other end (`fame.middleware.dds.relay`).
 
     Raises UnavailableError if its packages are not installed, and ConfigError for a network that is not of its kind.
     """
     if network is not None and isinstance(network, Router) != (backend == "zenoh"):
         routed = "Zenoh reaches other machines through routers: --router ADDRESS, not --network"
         raise ConfigError(routed if backend == "zenoh" else "--router and --zenoh-config need --middleware zenoh")
+    if relay is not None:
+        relayed: Middleware = load(DDS_RELAYED)(scheduler, relay, on_warning)
+        return relayed
     crowded = {"crowd": crowd} if backend == "zenoh" else {}
     if backend in MIDDLEWARES:
         make = load(MIDDLEWARES[backend])
@@ -196,16 +203,17 @@ def serve(
     on_warning: Callable[[EndpointWarning], object] | None = None,
     *,
     crowd: int = 0,
+    relay: socket.socket | None = None,
 ) -> None:
     """Build a component and run it until a signal asks to end; then, or after an error, stop it safely and close it.
 
-    `on_warning` is called with each warning of the middleware. `crowd`: as for `connect`. The traceback of an
+    `on_warning` is called with each warning of the middleware. `crowd`, `relay`: as for `connect`. The traceback of an
     unexpected error goes to stderr, which is the log of such a process.
     """
     if is_child():
         warnings.showwarning = _print_warning  # type: ignore[assignment]
     scheduler = scheduler_for(backend)
-    middleware = connect(backend, scheduler, network, on_warning, crowd=crowd)
+    middleware = connect(backend, scheduler, network, on_warning, crowd=crowd, relay=relay)
     try:
         component, manager = build(scheduler, middleware), Notifier(scheduler)
         with signals_call(lambda *_: scheduler.stop()):

@@ -11,6 +11,7 @@ the package raises UnavailableError where Cyclone is not installed.
     discovery    endpoints of the domain, and the nodes that they belong to
     waitset      waiting for data
     wire         writers and readers: names, types and quality of service as ROS 2 maps them to DDS
+    relay        one participant for engines that were forked; `relayed` is their backend, `link` what lies between
     cyclone      the internals of cyclonedds that are used
     domain       domain and network interface; sockets bound to loopback
 """

@@ -91,6 +91,7 @@ class Discovery:
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
         self._on_topics: dict[str, dict[bytes, DiscoveredEndpoint]] = {}
         self.nodes: dict[bytes, tuple[NodeEntry, ...]] = {}
+        self.changes: int = 0  # how often something has changed
         self._lock = threading.RLock()
         data = wire.type_hash(PARTICIPANT)
         self._writer = entities.writer(_INFO_TOPIC, PARTICIPANT, _ANNOUNCED, data)
@@ -114,6 +115,7 @@ class Discovery:
         """Set the nodes of this participant, for `announce`."""
         with self._lock:
             self.nodes[self.participant] = tuple(nodes)
+            self.changes += 1
 
     def announce(self) -> None:
         """Publish which nodes this participant has: the whole list, each time."""
@@ -135,6 +137,8 @@ class Discovery:
             for sample in _samples(self._participants):
                 if sample.sample_info.instance_state != InstanceState.Alive:
                     self.nodes.pop(sample.key.bytes, None)
+                    self.changes += 1
+            self.changes += len(came) + len(went)
         return came, went
 
     def all_endpoints(self) -> list[DiscoveredEndpoint]:
@@ -189,6 +193,7 @@ class Discovery:
             return
         if participant != self.participant:
             self.nodes[participant] = nodes
+            self.changes += 1
 
 
 def _samples(reader: DataReader[Any]) -> Iterator[Any]:

@@ -53,7 +53,10 @@ class DdsPublisher(WirePublisher):
         self.handle: int = wire.handle(self._writer.get_instance_handle())
 
     def publish(self, message: AnyMessage) -> None:
-        data = self.pack(message)
+        self.send(self.pack(message))
+
+    def send(self, data: bytes) -> None:
+        """Send a message that is packed, from any thread. Raises MessageError."""
         self._unflushed = True
         try:
             self._writer.write(self._writer.data_type(data), wire.numbered_time(self._sent))
@@ -202,7 +205,7 @@ Numbers = tuple[int, int]
 
 
 class _Exchange:
-    """The two DDS endpoints of a service or client. `on_message` gets each message, its numbers and its sender."""
+    """The two DDS endpoints of a service or client. `on_data` gets each message as CDR, its numbers and its sender."""
 
     participant: Participant
     name: str
@@ -219,14 +222,14 @@ class _Exchange:
         name: str,
         type: str,
         role: Literal["service", "client"],
-        on_message: Callable[[AnyMessage, Numbers, int], object],
+        on_data: Callable[[bytes, Numbers, int], object],
     ) -> None:
         request_type, response_type = messages.service(type)
         request = wire.dds_topic(name, wire.REQUEST, "Request"), request_type
         reply = wire.dds_topic(name, wire.REPLY, "Reply"), response_type
         received, sent = (request, reply) if role == "service" else (reply, request)
         self.participant, self.name, self.closed = participant, name, False
-        self._warn, self._on_message, self._received_type = warn, on_message, received[1]
+        self._warn, self._on_data, self._received_type = warn, on_data, received[1]
         identity = participant.discovery.participant[:12] + next(_ids).to_bytes(4)
         data = f"{role}id={'.'.join(f'{byte:x}' for byte in identity)};"
         self.writer = participant.entities.writer(*sent, _QOS, data, header=True)
@@ -234,8 +237,7 @@ class _Exchange:
         participant.data.add(self.reader, partial(participant.scheduler.soon, self.take))
         self.writer_gid, self.reader_gid = self.writer.guid.bytes, self.reader.guid.bytes
 
-    def write(self, message: AnyMessage, numbers: Numbers) -> None:
-        data = codec.serialize(message)
+    def write(self, data: bytes, numbers: Numbers) -> None:
         self.writer.write(self.writer.data_type(data[: wire.HEADER] + _NUMBERS.pack(*numbers) + data[wire.HEADER :]))
 
     def take(self) -> None:
@@ -250,14 +252,18 @@ class _Exchange:
         self.participant.delete_soon(self.writer)
         self.participant.delete(self.reader)
 
-    def _read(self, data: bytes, sender: int) -> None:
+    def unpack(self, data: bytes) -> AnyMessage | None:
+        """Return a message; None, with a warning, if it cannot be read."""
         try:
-            message = codec.deserialize(data[: wire.HEADER] + data[_START:], self._received_type)
+            return codec.deserialize(data, self._received_type)
         except MessageError as error:
             self._warn(dropped_warning(self.name, str(error)))
-        else:
-            if not self.closed:
-                self._on_message(message, _NUMBERS.unpack_from(data, wire.HEADER), sender)
+            return None
+
+    def _read(self, data: bytes, sender: int) -> None:
+        if not self.closed:
+            numbers = _NUMBERS.unpack_from(data, wire.HEADER)
+            self._on_data(data[: wire.HEADER] + data[_START:], numbers, sender)
 
 
 class DdsService(WireService):
@@ -267,21 +273,24 @@ class DdsService(WireService):
 
     def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type, handler)
-        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "service", self._on_request)
+        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "service", self.on_data)
         self._reachable: set[int] = set()
 
     def release(self) -> None:
         self.exchange.close()
         self.node.middleware.on_endpoints_changed()
 
-    def _on_request(self, request: AnyMessage, numbers: Numbers, client: int) -> None:
-        def send(response: AnyMessage) -> None:
-            self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
+    def on_data(self, data: bytes, numbers: Numbers, client: int) -> None:
+        """Take a request."""
+        request = self.exchange.unpack(data)
+        if request is not None:
+            self.handle(request, lambda response: self.respond(codec.serialize(response), numbers, client))
 
-        self.handle(request, send)
-
-    def _respond(self, response: AnyMessage, numbers: Numbers, client: int, deadline: int) -> None:
+    def respond(self, response: bytes, numbers: Numbers, client: int) -> None:
         """Respond as soon as the reader of the client is discovered: before that, it would not get the response."""
+        self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
+
+    def _respond(self, response: bytes, numbers: Numbers, client: int, deadline: int) -> None:
         scheduler = self.node.middleware.scheduler
         if self.exchange.closed or client not in map(wire.handle, matched(self.exchange.reader)):
             return  # one of the two has closed
@@ -311,8 +320,8 @@ class DdsClient(WireClient):
 
     def __init__(self, node: DdsNode, name: str, type: str) -> None:
         super().__init__(node, name, type)
-        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "client", self._on_message)
-        self._guid = wire.handle(self.exchange.writer.get_instance_handle())
+        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "client", self.on_data)
+        self.guid: int = wire.handle(self.exchange.writer.get_instance_handle())
         self._numbers = count(1)
 
     @property
@@ -333,7 +342,7 @@ class DdsClient(WireClient):
 
     def send(self, request: AnyMessage) -> int:
         number = next(self._numbers)
-        self.exchange.write(request, (self._guid, number))
+        self.exchange.write(codec.serialize(request), (self.guid, number))
         return number
 
     def release(self) -> None:
@@ -346,9 +355,10 @@ class DdsClient(WireClient):
         participant.refresh()  # Cyclone connects endpoints before it tells of them
         return participant.servers(self.name)
 
-    def _on_message(self, response: AnyMessage, numbers: Numbers, service: int) -> None:
+    def on_data(self, data: bytes, numbers: Numbers, service: int) -> None:
+        """Take a response, which may be that to another client."""
         guid, number = numbers
-        if guid == self._guid:
+        if guid == self.guid and (response := self.exchange.unpack(data)) is not None:
             self.pending.respond(number, response)
 
 

@@ -33,6 +33,8 @@ class DdsMiddleware(WireMiddleware):
     use_sim_time: bool = False
     lockstep: bool = True
     nodes: list[DdsNode]
+    _graph: tuple[int, list[TopicInfo]] = (-1, [])
+    """How often discovery had changed, and the topics then."""
 
     def __init__(
         self,
@@ -52,14 +54,21 @@ class DdsMiddleware(WireMiddleware):
         return DdsNode(self, name, namespace.strip("/"), part)
 
     def graph(self) -> list[TopicInfo]:
-        """Return every ROS topic of the domain that has an endpoint, in the order of names, without services."""
+        """Return every ROS topic of the domain that has an endpoint, in the order of names, without services.
+
+        It is the same list until something changes.
+        """
         self.refresh()
         discovery = self.participant.discovery
+        changes = discovery.changes
+        if self._graph[0] == changes:
+            return self._graph[1]
         owners, topics = discovery.owners(), dict[str, list[DiscoveredEndpoint]]()
         for endpoint in discovery.all_endpoints():
             if endpoint.topic.startswith(f"{wire.TOPIC}/"):
                 topics.setdefault(endpoint.topic.removeprefix(wire.TOPIC), []).append(endpoint)
-        return [_info(name, topics[name], owners) for name in sorted(topics)]
+        self._graph = changes, [_info(name, topics[name], owners) for name in sorted(topics)]
+        return self._graph[1]
 
     def namespaces(self) -> list[str]:
         self.refresh()

@@ -91,6 +91,10 @@ class Participant:
         self.discovery.set_nodes(nodes)
         self._thread.wake()
 
+    def announce_again(self) -> None:
+        """Announce the nodes that discovery has of this participant."""
+        self._thread.wake()
+
     def delete(self, entity: DataWriter[Any] | DataReader[Any]) -> None:
         """Delete the writer or reader of a closed endpoint."""
         self.data.remove(entity)

@@ -1,0 +1,271 @@
+"""The middleware of an engine whose participant is in the process that forked it (`fame.middleware.dds.relay`).
+
+Messages go over a `RelayLink`, one way each. What needs an answer, such as the graph, is asked and waited for: that
+process takes questions of all its engines in turn.
+
+Threads. One reads the link: it puts messages into the queues of subscriptions. All else happens in the scheduler's.
+"""
+
+from __future__ import annotations
+
+import pickle
+import socket
+import threading
+from collections.abc import Callable, Hashable, Iterator, Sequence, Set
+from functools import partial
+from itertools import count
+from queue import SimpleQueue
+from typing import Any, ClassVar
+
+from fame.clock import WallScheduler
+from fame.errors import FameError, MessageError
+from fame.middleware import codec, typesystem
+from fame.middleware.dds.link import ASK, DATA, EVENT, RelayLink
+from fame.middleware.dds.relay import KEY
+from fame.middleware.errors import dropped_warning
+from fame.middleware.interface import AnyMessage, EndpointWarning, QoS, TopicInfo
+from fame.middleware.wire_base import EndpointClasses, WireMiddleware, WireNode
+from fame.middleware.wire_endpoints import (
+    Callback,
+    WireClient,
+    WireEndpoint,
+    WirePublisher,
+    WireService,
+    WireSubscription,
+)
+
+_ENDED = "the process that started this engine has ended"
+
+
+class RelayedMiddleware(WireMiddleware):
+    """Nodes on the participant at the other end of a link. `warnings` and `on_warning` are as of `DdsMiddleware`.
+
+    If the other process ends, the scheduler stops, and what is asked raises FameError.
+    """
+
+    use_sim_time: bool = False
+
+    def __init__(
+        self,
+        scheduler: WallScheduler,
+        end: socket.socket,
+        on_warning: Callable[[EndpointWarning], object] | None = None,
+    ) -> None:
+        super().__init__(scheduler, None, on_warning)
+        self.link: RelayLink = RelayLink(end)
+        self.ends: dict[int, Any] = {}
+        self._numbers, self._answers = count(1), dict[int, SimpleQueue[tuple[bool, Any]]]()
+        self._ended, self._known = False, {*typesystem.BUILTIN}
+        self._graph = -1, list[TopicInfo]()
+        threading.Thread(target=self._read, name="fame relay", daemon=True).start()
+        self.confined: bool = self.ask("confined")
+        self.network = self.ask("network")
+
+    def ask(self, name: str, *arguments: Any, of: int = 0) -> Any:
+        """Return an attribute of what this process has at the other end, or of an endpoint; of a method, its result."""
+        number = next(self._numbers)
+        answer = self._answers[number] = SimpleQueue()
+        self.link.send_object(ASK, number, (of, name, *arguments))
+        fine, value = (False, FameError(_ENDED)) if self._ended else answer.get()
+        if not fine:
+            raise value
+        return value
+
+    def add(self, end: Any, name: str, *arguments: Any) -> int:
+        """Make a node or an endpoint at the other end. Returns its number."""
+        number = next(self._numbers)
+        self.ends[number] = end
+        self.ask(name, number, *arguments)
+        return number
+
+    def remove(self, number: int) -> None:
+        """Close it."""
+        self.ends.pop(number, None)
+        self.link.send_object(ASK, 0, (0, "end", number))
+
+    def define(self, *types: str) -> None:
+        """Let the other process know of message types that it does not know yet."""
+        for type in types:
+            if type not in self._known:
+                if not self.ask("knows", type):
+                    self.ask("define", list(_definitions(type)))
+                self._known.add(type)
+
+    def node(self, name: str, namespace: str = "", part: str = "") -> RelayedNode:
+        return RelayedNode(self, name, namespace.strip("/"), part)
+
+    def graph(self) -> list[TopicInfo]:
+        number, graph = self.ask("graph_after", self._graph[0])
+        if number != self._graph[0]:
+            self._graph = number, pickle.loads(graph)
+        return self._graph[1]
+
+    def namespaces(self) -> list[str]:
+        return list(self.ask("namespaces"))
+
+    def node_names(self) -> list[str]:
+        return list(self.ask("node_names"))
+
+    def offers(self, service: str) -> list[tuple[str, str]]:
+        return list(self.ask("offers", service))
+
+    def losses(self) -> list[str]:
+        for number, lost, uncounted in self.ask("take_losses"):
+            if (end := self.ends.get(number)) is not None:
+                end.count_lost(lost)
+                end.uncounted |= uncounted
+        return super().losses()
+
+    def connecting(self, node: Any) -> list[str]:
+        return list(self.ask("connecting_of", node.number))
+
+    def matching_subscriptions(self, publisher: RelayedPublisher) -> int:
+        return 0  # `connecting` asks the other process
+
+    def release(self) -> None:
+        if not self._ended:
+            self.ask("confined")  # all that was said before has been done
+        self.link.close()
+
+    def _read(self) -> None:
+        for kind, number, data in self.link.messages():
+            if kind == DATA:
+                if (end := self.ends.get(number)) is not None:
+                    end.take(data)
+            elif kind == EVENT:
+                name, argument = pickle.loads(data)
+                self.scheduler.soon(partial(getattr(self, name), argument))
+            else:
+                self._answers.pop(number).put(pickle.loads(data))
+        self._ended = True
+        for answer in list(self._answers.values()):
+            answer.put((False, FameError(_ENDED)))
+        if not self.closed:
+            self.scheduler.stop()
+
+
+def _definitions(type: str) -> Iterator[tuple[Any, ...]]:
+    """A message type, and those that it contains, as `RelayedEngine.define` takes them."""
+    content = typesystem.definition(type)
+    yield content.name, content.fields, dict(content.constants), dict(content.defaults)
+    for field in content.fields:
+        if field.is_message:
+            yield from _definitions(field.base)
+
+
+class _Relayed(WireEndpoint):
+    """An endpoint that is at the other end of the link."""
+
+    node: RelayedNode
+
+    def make(self, types: tuple[str, ...], kind: str, name: str, *options: Any) -> None:
+        """Make it there."""
+        middleware = self.node.middleware
+        middleware.define(*types)
+        self._number: int = middleware.add(self, "make", self.node.number, kind, name, *options)
+        self.pass_on = partial(middleware.link.send, DATA, self._number)
+
+    def ask(self, name: str, *arguments: Any) -> Any:
+        return self.node.middleware.ask(name, *arguments, of=self._number)
+
+    def matched(self) -> bool:
+        return bool(self.ask("matched"))
+
+    def release(self) -> None:
+        self.node.middleware.remove(self._number)
+
+    def unpack(self, data: bytes, type: str, name: str) -> AnyMessage | None:
+        """Return a request or response; None, with a warning, if it cannot be read."""
+        try:
+            return codec.deserialize(data, type)
+        except MessageError as error:
+            self.node.middleware.warn(dropped_warning(name, str(error)))
+            return None
+
+
+class RelayedPublisher(_Relayed, WirePublisher):
+    uncounted: bool = False
+
+    def __init__(self, node: RelayedNode, topic: str, type: str, qos: QoS) -> None:
+        super().__init__(node, topic, type, qos)
+        self.make((self.type,), "publisher", topic, self.type, qos)
+
+    def publish(self, message: AnyMessage) -> None:
+        self.pass_on(self.pack(message))
+
+    def subscriber_count(self) -> int:
+        return int(self.ask("subscriber_count"))
+
+
+class RelayedSubscription(_Relayed, WireSubscription):
+    def __init__(self, node: RelayedNode, topic: str, type: str, callback: Callback, qos: QoS) -> None:
+        super().__init__(node, topic, type, callback, qos)
+        self.make((self.type,), "subscription", topic, self.type, qos)
+
+    def take(self, data: bytes) -> None:
+        """Take a message, in the thread that reads."""
+        self.enqueue(data)
+        self.schedule()
+
+
+class RelayedService(_Relayed, WireService):
+    def __init__(self, node: RelayedNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
+        super().__init__(node, name, type, handler)
+        self.make((self.request_type, self.response_type), "service", name, type)
+
+    def take(self, data: bytes) -> None:
+        """Take a request, in the thread that reads."""
+        self.node.middleware.scheduler.soon(partial(self._on_request, data[: KEY.size], data[KEY.size :]))
+
+    def _on_request(self, key: bytes, data: bytes) -> None:
+        request = None if self.closed else self.unpack(data, self.request_type, self.name)
+        if request is not None:
+            self.handle(request, lambda response: self.pass_on(key + codec.serialize(response)))
+
+
+class RelayedClient(_Relayed, WireClient):
+    def __init__(self, node: RelayedNode, name: str, type: str) -> None:
+        super().__init__(node, name, type)
+        self._keys = count(1)
+        self.make((self.request_type, self.response_type), "client", name, type)
+
+    @property
+    def available(self) -> bool:
+        return not self.closed and bool(self.ask("available"))
+
+    def servers(self) -> Set[Hashable]:
+        return frozenset(self.ask("servers"))
+
+    def unavailable(self, offers: Sequence[tuple[str, str]]) -> MessageError:
+        error: MessageError = super().unavailable(offers) if self.closed else self.ask("unavailable", offers)
+        return error
+
+    def send(self, request: AnyMessage) -> int:
+        key = next(self._keys)
+        self.pass_on(KEY.pack(key) + codec.serialize(request))
+        return key
+
+    def take(self, data: bytes) -> None:
+        """Take a response, in the thread that reads."""
+        self.node.middleware.scheduler.soon(partial(self._on_response, data))
+
+    def _on_response(self, data: bytes) -> None:
+        response = None if self.closed else self.unpack(data[KEY.size :], self.response_type, self.name)
+        if response is not None:
+            self.pending.respond(KEY.unpack_from(data)[0], response)
+
+
+class RelayedNode(WireNode):
+    middleware: RelayedMiddleware
+    endpoint_classes: ClassVar[EndpointClasses] = EndpointClasses(
+        RelayedPublisher, RelayedSubscription, RelayedService, RelayedClient
+    )
+
+    def __init__(self, middleware: RelayedMiddleware, name: str, namespace: str, part: str) -> None:
+        self.number: int = middleware.add(self, "make_node", name, namespace, part)
+        super().__init__(middleware, name, namespace, part)
+
+    def close(self) -> None:
+        if self in self.middleware.nodes:
+            super().close()
+            self.middleware.remove(self.number)
