@@ -256,6 +256,29 @@ def test_one_of_a_crowd_learns_of_all_nodes_and_of_the_topics_that_it_has_to_do_
     assert names(member.graph()) == ["/A/order", "/B/status", "/C/status", "/elsewhere", "/found"]
 
 
+@pytest.mark.parametrize("crowd", [0, 2])
+def test_a_server_that_left_unnoticed_is_forgotten_when_a_request_has_no_response(here: WallWorld, crowd: int) -> None:
+    """Of a hundred sessions that declare a subscriber while a token leaves, three to eight keep it."""
+    here.node("hall").service("/there", SET_BOOL, lambda request: None)
+    asker = ZenohMiddleware(here.scheduler, domain=DOMAIN, crowd=crowd)
+    here.middlewares.append(asker)
+    there, gone = (asker.node("asker").client(name, SET_BOOL) for name in ("/there", "/gone"))
+    here.until(lambda: there.available)
+    node, type_hash = tokens.node_token(DOMAIN, "5ee", 1, "", "gone"), codec.service_hash(SET_BOOL)
+    for name in ("/there", "/gone"):
+        token = tokens.endpoint_token(node, tokens.SERVICE, 1, name, SET_BOOL, type_hash, QoS(depth=10))
+        asker.entities.add(tokens.entity(token))
+    told: list[str] = []
+    gone.call(None, lambda response: told.append("answered"), lambda: told.append("lost"))
+    there.call(None, lambda response: told.append("answered"), lambda: told.append("lost"))
+    here.until(lambda: len(told) == 2)
+    assert told == ["answered", "lost"]
+    assert not gone.available
+    assert there.available
+    asker.doubt("/there")
+    here.until(lambda: len(asker.offers("/there")) == 1)
+
+
 def test_a_crowd_and_a_busy_machine_have_a_longer_lease(monkeypatch: pytest.MonkeyPatch) -> None:
     def leases(load: float) -> list[int]:
         monkeypatch.setattr(os, "getloadavg", lambda: (load * (os.cpu_count() or 1), 0.0, 0.0))

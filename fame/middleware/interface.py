@@ -139,6 +139,9 @@ class PendingRequests:
     def __len__(self) -> int:
         return len(self._waiting)
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._waiting
+
     def add(
         self,
         key: Hashable,

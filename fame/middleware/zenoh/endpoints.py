@@ -389,7 +389,10 @@ class ZenohClient(WireClient):
 
     def _on_end(self, number: int) -> None:
         """Drop a request without response: its service has left, or it is still there and has dropped the request."""
+        if number not in self.pending:
+            return
         if self.servers():
+            self.node.middleware.doubt(self.name)
             self.node.middleware.scheduler.after(_DROPPED, partial(self._drop, number))
         else:
             self._drop(number)

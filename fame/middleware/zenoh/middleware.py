@@ -27,6 +27,7 @@ from typing import Any, ClassVar
 import zenoh
 
 from fame.clock import SECOND, WallScheduler
+from fame.errors import ConfigError
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import mismatch_warning
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, TopicInfo
@@ -199,6 +200,7 @@ class ZenohMiddleware(WireMiddleware):
         self._meeting: Any = None  # a second session, where processes meet
         self._tokens: dict[tuple[str, str], Any] = {}  # subscribers, by what they `follow`
         self._asked: set[tuple[str, str]] = set()
+        self._doubted: set[str] = set()  # services about which the router is being asked
         self._taking = threading.RLock()
         self._takes = False
         self.follow(tokens.NODE if crowd else _ANY)
@@ -227,7 +229,8 @@ class ZenohMiddleware(WireMiddleware):
         """Learn from now on of what `tokens.pattern` describes.
 
         What leaves in the very milliseconds in which it is declared may stay known: a session of Zenoh 1.x keeps such
-        tokens until it closes, although the router does not have them any more (12 of 150 trials at once).
+        tokens until it closes, although the router does not have them any more (4 to 12 of 150 trials at once). See
+        `doubt`.
         """
         if not self._follows_all() and not any(
             fnmatchcase(kind, kinds) and fnmatchcase(name, names) for kinds, names in self._tokens
@@ -254,6 +257,32 @@ class ZenohMiddleware(WireMiddleware):
                     self._on_token(sample)
         finally:
             self._takes = False
+
+    def doubt(self, service: str) -> None:
+        """Forget those servers of a name that are gone, when a request has had no response (see `follow`).
+
+        Queries of a session that keeps their tokens may say that they are there: a new one asks, in a thread (10 ms).
+        """
+        if service not in self._doubted:
+            self._doubted.add(service)
+            known = [end.token for end in self.entities.named(service, tokens.SERVICE) if end.session != self.id]
+            threading.Thread(target=self._verify, args=(service, known), name="fame doubt", daemon=True).start()
+
+    def _verify(self, service: str, known: list[str]) -> None:
+        key = tokens.pattern(self.domain, tokens.SERVICE, service)
+        try:
+            with suppress(ConfigError, zenoh.ZError), open_session(self.domain, self.network, crowd=1) as session:
+                replies = [reply.ok for reply in session.liveliness().get(key, timeout=_ANSWER_PATIENCE)]
+                if None not in replies:  # else not all has been said in time
+                    there = {str(sample.key_expr) for sample in replies if sample is not None}
+                    self.scheduler.soon(partial(self._forget, [token for token in known if token not in there]))
+        finally:
+            self._doubted.discard(service)
+
+    def _forget(self, gone: Iterable[str]) -> None:
+        for token in gone:
+            if (entity := self.entities.remove(token)) is not None:
+                self._note_server(entity)
 
     def _follows_all(self) -> bool:
         return (_ANY, "") in self._tokens
@@ -366,9 +395,7 @@ class ZenohMiddleware(WireMiddleware):
         """Note who has come or left. The tokens of this session are in the graph already."""
         token = str(sample.key_expr)
         if sample.kind == zenoh.SampleKind.DELETE:
-            entity = self.entities.remove(token)
-            if entity is not None:
-                self._note_server(entity)
+            self._forget([token])
             return
         entity = tokens.read_token(token)
         if entity is None or entity.session == self.id:
