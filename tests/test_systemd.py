@@ -72,7 +72,7 @@ def test_a_unit_has_the_options_of_the_engine_and_a_state_directory(
     assert f"ExecStart={sys.executable} {engine}" in lines
     assert {f"WorkingDirectory={tmp_path}", "User=robot", "StateDirectory=fame", "Type=notify"} <= set(lines)
     assert {"Environment=ROS_DOMAIN_ID=7", "WatchdogSec=30", "Restart=on-failure"} <= set(lines)
-    assert "RestartPreventExitStatus=2" in lines  # a mistyped command is not started for ever
+    assert "RestartPreventExitStatus=2 203 217" in lines  # a mistyped command is not started for ever
     assert f"ReadWritePaths=/tmp /var/tmp {tmp_path}" in lines
 
 
@@ -114,6 +114,7 @@ def test_systemd_accepts_a_unit(capsys: pytest.CaptureFixture[str], tmp_path: Pa
         (("REX", "--type", "nope"), "expected a robot type, got 'nope'; known are: "),
         (("REX", "--fresh"), "--fresh would start over after each crash"),
         (("REX", "--files", "a\nb"), "expected text of one line"),
+        (("REX", "--user", "x y"), "expected the name of an account, got 'x y'"),
         (("REX", "--tipe", "car"), "unknown option '--tipe'; did you mean '--type'?"),
     ],
 )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import getpass
 import os
+import re
 import sys
-from argparse import Namespace
+from argparse import ArgumentTypeError, Namespace
 from pathlib import Path
 
 from fame.cli.arguments import Commands, command
@@ -31,7 +32,7 @@ WorkingDirectory={folder}
 {lines}
 Restart=on-failure
 RestartSec=2
-RestartPreventExitStatus=2
+RestartPreventExitStatus=2 203 217
 WatchdogSec={watchdog}
 KillMode=mixed
 TimeoutStopSec=20
@@ -39,6 +40,7 @@ TimeoutStopSec=20
 [Install]
 WantedBy=multi-user.target
 """
+"""Not started again: what FAME refuses, and a program or an account that is not there (systemd.exec(5))."""
 _SANDBOX = """\
 MemoryMax=50%
 TasksMax=512
@@ -82,7 +84,9 @@ def add(commands: Commands) -> None:
         ),
         help="print a systemd unit that runs an engine, with the options of fame engine",
     )  # fmt: skip
-    parser.add_argument("--user", metavar="NAME", help="the account that runs the engine (default: the current one)")
+    parser.add_argument(
+        "--user", type=_account, metavar="NAME", help="the account that runs the engine (default: the current one)"
+    )
     add_options(parser, here=False)
 
 
@@ -120,6 +124,13 @@ def run(arguments: Namespace) -> int:
         end="",
     )
     return 0
+
+
+def _account(text: str) -> str:
+    """A name that systemd takes for an account, or a number. Raises ArgumentTypeError."""
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*\$?|[0-9]+", text):
+        raise ArgumentTypeError(f"expected the name of an account, got {text!r}")
+    return text
 
 
 def _escaped(text: str) -> str:
