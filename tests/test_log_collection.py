@@ -1,14 +1,17 @@
 """Recordings of engines are fetched over the network: by part, only what is not here, and by who may."""
 
 import argparse
+import json
 from pathlib import Path
 
 import pytest
 from deployment_field import Field
 
 from fame.cli.fleet.collection import _Source, moment
+from fame.deploy.envelope import STRING
 from fame.errors import DeploymentError
 from fame.fleet.log_server import PART
+from fame.middleware import messages
 
 CONTENT = bytes(range(256)) * (2 * PART // 256 + 50)
 
@@ -54,6 +57,18 @@ def test_what_does_not_end_as_the_file_of_the_robot_is_not_continued(field: Fiel
 def test_no_other_file_is_given(field: Field, tmp_path: Path, name: str):
     with pytest.raises(DeploymentError, match="there is no such recording"):
         source(field).fetch(name, tmp_path / "x", 10)
+
+
+def test_what_another_release_asks_is_refused_by_the_name_of_the_field(field: Field):
+    answers: list[str] = []
+    field.person.subscription("/A/bpmn_log", STRING, lambda message: answers.append(message.data))
+    asks = field.person.publisher("/A/bpmn_log", STRING)
+    for text in ('{"id": "q", "compressed": true}', '{"id": 1}', '{"answer": "q"}', "[]", "{"):
+        asks.publish(messages.create(STRING, text))
+    field.pass_time(1)
+    assert [json.loads(text) for text in answers] == [
+        {"answer": "q", "error": "this FAME does not know what is asked: field 'compressed'"}
+    ]
 
 
 def test_a_file_that_became_shorter_is_told(field: Field, tmp_path: Path):

@@ -7,7 +7,7 @@ requests are signed, as those of people are (`fame.deploy.requests`).
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,9 +49,15 @@ class LogServer:
     def _on_request(self, message: Any) -> None:
         try:
             found = read_json(message.data, _LONGEST)
+        except ValueError:
+            return  # from a stranger
+        if not isinstance(found, dict) or "answer" in found:
+            return
+        try:
             request = fields.read(LogRequest, found)
-        except (ValueError, TypeError, AttributeError):
-            return  # an answer, or from a stranger
+        except TypeError as error:  # of another release: its sender is told
+            self._answer(found.get("id"), {"error": f"this FAME does not know what is asked: {error}"})
+            return
         try:
             self._verify(request)
             answer = self._part(request) if request.file else self._list()
@@ -59,7 +65,11 @@ class LogServer:
             answer = {"error": str(error)}
         except OSError as error:
             answer = {"error": f"{request.file or self._folder}: {error.strerror}"}
-        self._out.publish(messages.create(STRING, json_bytes({**answer, "answer": request.id}).decode()))
+        self._answer(request.id, answer)
+
+    def _answer(self, id: Any, answer: Mapping[str, Any]) -> None:
+        if isinstance(id, str):
+            self._out.publish(messages.create(STRING, json_bytes({**answer, "answer": id}).decode()))
 
     def _files(self) -> list[Path]:
         return sorted(self._folder.glob(f"{self._robot}-*.mcap"), key=lambda path: path.stat().st_mtime)
