@@ -99,3 +99,8 @@ def test_a_polygon_of_a_variable_is_a_zone_and_what_only_looks_like_one_is_left_
 def test_what_tf2_takes_for_no_frame_is_refused(frame: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["engine", "REX", "--markers", frame]) == 2
     assert "expected a frame such as NAME/base_link, got" in capsys.readouterr().err
+
+
+def test_robots_of_one_command_have_frames_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["engine", "REX", "DINGO", "--markers", "REX/base_link"]) == 2
+    assert "--markers of several robots needs NAME, as in NAME/base_link" in capsys.readouterr().err

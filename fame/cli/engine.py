@@ -176,6 +176,8 @@ def _prepare_several(arguments: Namespace) -> None:
     for option, value in options.items():
         if value is not None:
             raise ConfigError(f"{option} belongs to one robot: start each engine by its own command")
+    if "NAME" not in (arguments.markers or "NAME"):
+        raise ConfigError("--markers of several robots needs NAME, as in NAME/base_link: each has a frame of its own")
     twice = [name for name in dict.fromkeys(arguments.names) if arguments.names.count(name) > 1]
     if twice:
         raise ConfigError(f"named twice: {', '.join(twice)}")
