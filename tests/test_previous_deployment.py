@@ -10,6 +10,7 @@ import pytest
 from deployment_field import TEAM, Field, patrol
 
 from fame.cli import main
+from fame.cli.deployment import _roll_back
 from fame.cli.fleet.inventory import item
 from fame.deploy import Deployment, Envelope, Report
 from fame.deploy.history import KEPT, History
@@ -76,6 +77,19 @@ def test_if_one_does_not_keep_it_none_goes_back():
     sent = recalled(field, previous)
     assert sent.failed
     assert sent.robots["B"].reason.startswith("it does not keep model ")
+    assert {engine.deployed for engine in field.engines.values()} == {"d2"}
+
+
+def test_a_rollback_that_one_refuses_says_that_none_went_back(capsys: pytest.CaptureFixture[str]):
+    field = Field("A", "B")
+    field.deploy(TEAM)
+    sent = field.deploy(OTHER, "d2", 2)
+    field.pass_time(2)
+    field.engines["B"]._history = History()
+    assert _roll_back(sent, DeploymentOptions(), 5.0, {}).failed
+    said = capsys.readouterr().err
+    assert "it has not ended within 5 s: back to what ran before" in said
+    assert "not rolled back: all run the new process on; fame deploy --previous tries again" in said
     assert {engine.deployed for engine in field.engines.values()} == {"d2"}
 
 

@@ -188,6 +188,8 @@ def _roll_back(
         raise DeploymentError(f"not rolled back: {error}") from None
     for line in _outcome(back):
         note(line)
+    if back.failed:
+        note("not rolled back: all run the new process on; fame deploy --previous tries again")
     return back
 
 
