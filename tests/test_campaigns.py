@@ -501,7 +501,7 @@ def test_a_varied_key_that_the_scenario_lacks_is_refused_before_the_first_run(sc
     ("fault", "said"),
     [
         ("NOBODY@4:engine", "unknown robot 'NOBODY' in --fault; robots are: P"),
-        ("P@4", "expected a fault ROBOT@SECOND:KIND, as in REX@40:engine, got 'P@4'"),
+        ("P@4", "expected a fault ROBOT@SECOND:KIND, as in Tractor_2@40:engine, got 'P@4'"),
         ("P@4:wing", "wing"),
     ],
 )

@@ -154,8 +154,8 @@ def test_a_fault_that_cannot_be_is_refused_before_anything_moves() -> None:
     [
         ("--robots", "Tractor", "POOL=N, as in Tractor=12"),
         ("--robots", "Tractor=-1", "POOL=N, as in Tractor=12"),
-        ("--fault", "Tractor_1:engine", "ROBOT@SECOND:KIND, as in Tractor_2@40:engine"),
-        ("--fault", "Tractor_1@-4:engine", "ROBOT@SECOND:KIND, as in Tractor_2@40:engine"),
+        ("--fault", "Tractor_1:engine", "a fault ROBOT@SECOND:KIND, as in Tractor_2@40:engine"),
+        ("--fault", "Tractor_1@-4:engine", "a fault ROBOT@SECOND:KIND, as in Tractor_2@40:engine"),
     ],
 )
 def test_what_cannot_be_read_is_said(option: str, text: str, right: str, capsys: pytest.CaptureFixture[str]) -> None:

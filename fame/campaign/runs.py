@@ -13,7 +13,7 @@ import math
 import shlex
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -95,7 +95,7 @@ def run_job(job: Job) -> _Row:
                 seed=job.seed,
                 duration=job.duration,
                 library=job.library,
-                faults=[parse_fault(text) for text in _fault_texts(job.changes.get(FAULTS))],
+                faults=[*map(Fault.of, _fault_texts(job.changes.get(FAULTS)))],
                 changes=changes,
             )
             log = opened.enter_context(_recording(job, scenario)) if job.record else None
@@ -187,16 +187,6 @@ def cause_of(result: Any) -> str:
     return "; ".join(dict.fromkeys((*waits[:2], *untaken[:1]))) or "not over"
 
 
-def parse_fault(text: str) -> Fault:
-    """Return a fault as on the command line: ``REX@40:engine``. Raises ConfigError."""
-    robot, at, rest = text.partition("@")
-    time, colon, kind = rest.partition(":")
-    with suppress(ValueError):
-        if at and colon and kind:
-            return Fault(robot, float(time), kind)
-    raise ConfigError(f"expected a fault ROBOT@SECOND:KIND, as in REX@40:engine, got {text!r}")
-
-
 def _fault_texts(value: Any) -> list[str]:
     """The faults of one run: a text, several, or none."""
     if value in (None, "", "none", False):
@@ -257,7 +247,7 @@ class Campaign:
             changed(read_document(self.scenario).data, dict.fromkeys(paths), self.scenario)
             Scenario.load(self.scenario, library=self.library, variables=_varied_variables(paths))
         choices = [choice for one in self.variation.distributions if one.path == FAULTS for choice in one.choices]
-        faults = [parse_fault(text) for choice in choices for text in _fault_texts(choice)]
+        faults = [Fault.of(text) for choice in choices for text in _fault_texts(choice)]
         loaded = Scenario.load(self.scenario, duration=self.duration, library=self.library, faults=faults)
         run = Run(loaded, False, None, None)
         run.close()

@@ -12,7 +12,7 @@ from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.middleware.network import NetworkConfig
-    from fame.scenario import Scenario
+    from fame.scenario import Fault, Scenario
 
 
 def add_variations(parser: ArgumentParser) -> None:
@@ -60,12 +60,13 @@ def _robots(text: str) -> tuple[str, int]:
     return match[1], int(match[2])
 
 
-def _fault(text: str) -> tuple[str, float, str]:
-    """``Tractor_2@40:engine``."""
-    match = re.fullmatch(r"(\S.*)@([0-9]+\.?[0-9]*):(\w+)", text)
-    if match is None:
-        raise ArgumentTypeError(f"expected ROBOT@SECOND:KIND, as in Tractor_2@40:engine, got {text!r}")
-    return match[1], float(match[2]), match[3]
+def _fault(text: str) -> Fault:
+    from fame.scenario import Fault
+
+    try:
+        return Fault.of(text)
+    except ConfigError as error:
+        raise ArgumentTypeError(str(error)) from None
 
 
 def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
@@ -129,7 +130,7 @@ def _network(arguments: Namespace) -> NetworkConfig | None:
 
 def scenario_of(arguments: Namespace) -> Scenario:
     """Return the scenario of a command line."""
-    from fame.scenario import Completion, Fault, Scenario
+    from fame.scenario import Completion, Scenario
 
     variables: dict[str, dict[str, Any]] = {}
     for robot, name, setting in arguments.set:
@@ -146,7 +147,7 @@ def scenario_of(arguments: Namespace) -> Scenario:
         semantics=arguments.semantics,
         library=arguments.library,
         robots=dict(arguments.robots),
-        faults=[Fault(*fault) for fault in arguments.fault],
+        faults=arguments.fault,
         completions=[Completion(*done) for done in arguments.complete],
         network=_network(arguments),
         variables=variables,

@@ -40,6 +40,14 @@ class Fault:
     time: float
     kind: str
 
+    @classmethod
+    def of(cls, text: str) -> Fault:
+        """Return a fault as people write it: ``Tractor_2@40:engine``. Raises ConfigError."""
+        match = re.fullmatch(r"(\S.*)@([0-9]+\.?[0-9]*):(\w+)", text)
+        if match is None:
+            raise ConfigError(f"expected a fault ROBOT@SECOND:KIND, as in Tractor_2@40:engine, got {text!r}")
+        return cls(match[1], float(match[2]), match[3])
+
 
 @dataclass(frozen=True, slots=True)
 class Completion:
