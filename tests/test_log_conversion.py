@@ -27,6 +27,7 @@ from fame.log.elements import element_info
 from fame.log.reading import rows_of
 from fame.log.recording import Recording
 from fame.log.recording_file import RecordingFile
+from fame.log.xes_reading import read_foreign_xes
 from fame.mining.xes import xes
 from fame.properties.files import read_properties
 from fame.robot.events import Event, combine_observers
@@ -479,6 +480,13 @@ def test_one_with_a_life_cycle_nested_values_and_zones_is_judged(foreign: Foreig
     for old, new in (("complete", "DONE"), ('value="work"/>', 'value="tidy up"/>')):  # what that means nobody knows
         table = foreign(NESTED.replace(old, new), takes, "robot=unit")
         assert re.match("3 .* the log does not have all of A", table)
+
+
+def test_the_end_of_an_execution_whose_start_another_tool_did_not_log_has_one(foreign: Foreign, tmp_path: Path) -> None:
+    """One that was cancelled, too: the next one begins as well."""
+    (tmp_path / "l.xes").write_text(NESTED.replace('"START"', '"ate_abort"'))
+    events = read_foreign_xes(tmp_path / "l.xes", read(tmp_path / "m.bpmn"), {"robot": "unit"})
+    assert [row["what"] for row in events.rows] == ["enter", "cancel", "enter", "leave"]
 
 
 @pytest.mark.parametrize(

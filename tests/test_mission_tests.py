@@ -292,6 +292,27 @@ def test_a_stub_has_other_results_at_successive_calls(mission: MissionLoader, tm
     m.expect().passed("b", times=2)
 
 
+def test_a_stub_sets_variables_where_its_behaviour_would_and_a_list_anew(
+    mission: MissionLoader, tmp_path: Path
+) -> None:
+    """In a multi-instance activity, variables around it are seen and set."""
+    loop = (
+        '<startEvent id="s"/><scriptTask id="t"><script>done, size = 0, 2</script></scriptTask>'
+        '<subProcess id="m"><multiInstanceLoopCharacteristics isSequential="true"><loopCardinality>2</loopCardinality>'
+        '</multiInstanceLoopCharacteristics><startEvent id="a"/><callActivity id="c" calledElement="GoTo"/>'
+        f'<scriptTask id="u"><script>found.append(done)</script></scriptTask>{flows("ac", "cu")}</subProcess>'
+        '<endEvent id="e"/>'
+    )
+    m = mission.load(one(tmp_path, loop + flows("st", "tm", "me")))
+    m.stub("GoTo", sets=[{"done": 2, "found": (empty := list[int]())}, {"done": 4, "found": empty}])
+    m.expect().completed().has(done=4)
+    assert empty == []
+    again = mission.load(one(tmp_path, (loop + flows("st", "tm", "me")).replace("found.append(done)", "pass")))
+    go = again.stub("GoTo", sets=lambda now: {"done": now["done"] + now["size"]})
+    again.expect().completed().has(done=4)
+    assert len(go.calls) == 2
+
+
 def test_a_behaviour_of_the_library_may_be_named_that_nothing_calls(vehicles: MissionUnderTest) -> None:
     assert vehicles.stub("Sweep").calls == []
     with pytest.raises(

@@ -50,6 +50,7 @@ def prop(text: str, /, **variables: Any) -> Any:
         ("it's: a text", "it's: a text"),
         ("{y: 1, n: 2, on: off}", {"y": 1, "n": 2, "on": "off"}),
         ('{\n\t"x": 1,\n\t"y": ${a}\n}', {"x": 1, "y": 1.5}),
+        ("{a: \"x\ty\",\tb: it's\t, c: 'p\tq'}", {"a": "x\ty", "b": "it's", "c": "p\tq"}),
         ("{x: ${ {'k': {'}': 3}}.k['}'] }}", {"x": 3}),
         ("{x: #{a}}", {"x": 1.5}),
         ("={x: a, y: b, p: {q: c[1]}}", {"x": 1.5, "y": "two", "p": {"q": 1}}),

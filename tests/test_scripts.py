@@ -113,6 +113,9 @@ def test_an_error_inside_a_library_has_the_line_of_the_script() -> None:
         ("if x:\n    receive('odom')", 11, "await receive"),
         ("def f():\n    until(lambda: x)", 11, "await until"),
         ("robot.call('a', 'b')", 10, r"await robot.call"),
+        ("robot.act('a', 'b')", 10, r"await robot.act"),
+        ("x = 1\nsleep(1) if x else None", 11, "await sleep"),
+        ("x and (y, sleep(1))", 10, "await sleep"),
     ],
 )
 def test_a_wrong_script_is_refused_with_the_line_of_the_file(text: str, line: int, complaint: str) -> None:
@@ -125,6 +128,12 @@ def test_a_request_that_is_kept_or_a_function_of_that_name_is_no_mistake() -> No
     run("later = sleep(2)")
     run("def sleep(seconds): ...\nsleep(2)")
     run("from math import floor as sleep\nsleep(2)")
+    run("def f(sleep): sleep(2)\nf(abs)")
+
+
+def test_a_tab_in_a_text_stays_one_and_in_an_indentation_is_eight_columns() -> None:
+    assert run("x = 'a\tb'; y = '''\n\tc'''", x=0)["x"] == "a\tb"
+    assert run("if True:\n\tx = 'a\tb'\n        y = 2")["x"] == "a\tb"
 
 
 @pytest.mark.parametrize(

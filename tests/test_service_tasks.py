@@ -572,3 +572,21 @@ def test_the_check_looks_at_goals() -> None:
 
     definitions = read_text(drive("far").replace("distance", "length"), file="m.bpmn")
     assert any("length" in str(finding) and "Drive_Goal" in str(finding) for finding in check(definitions))
+
+
+@pytest.mark.parametrize("mapping", ["", '<camunda:outputParameter name="y">${message}</camunda:outputParameter>'])
+def test_the_result_of_a_service_in_a_multi_instance_is_set_where_the_variable_is(mapping: str) -> None:
+    """The fields of the response are for a mapping alone."""
+    task = properties(service="/ask", type="std_srvs/srv/Trigger")
+    if mapping:
+        mapping = f"<camunda:inputOutput>{mapping}</camunda:inputOutput></extensionElements>"
+        task = task.replace("</extensionElements>", mapping)
+    task += "<multiInstanceLoopCharacteristics><loopCardinality>1</loopCardinality></multiInstanceLoopCharacteristics>"
+    definitions = read_text(model(task, attributes='camunda:resultVariable="answer"'), file="m.bpmn")
+    sim = fame.Simulation(definitions, variables={"answer": "before", "message": "before", "y": "before"})
+    node = sim.middleware.node("server")
+    node.service("/ask", "std_srvs/srv/Trigger", lambda request: {"success": True, "message": "asked"})
+    sim.run()
+    found = sim.instances[0].variables
+    assert (found["answer"].message, found["message"]) == ("asked", "before")
+    assert found["y"] == ("asked" if mapping else "before")

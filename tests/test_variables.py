@@ -25,6 +25,14 @@ def test_an_existing_outer_name_is_written_outside_and_a_new_one_inside() -> Non
     assert plain(inner) == {"x": 2, "y": 20}
 
 
+def test_several_variables_are_each_set_where_they_belong() -> None:
+    outer = root(x=1)
+    inner = Variables(outer, {"item": 5})
+    inner.update({"x": 2, "item": 6, "new": 7})
+    assert (outer["x"], "new" in outer) == (2, False)
+    assert {name: inner[name] for name in ("x", "item", "new")} == {"x": 2, "item": 6, "new": 7}
+
+
 def test_an_own_name_hides_the_outer_one() -> None:
     outer = root(item=1)
     inner = Variables(outer, {"item": 5})

@@ -16,13 +16,12 @@ from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.errors import MODULE_NOT_FOUND
 from fame.scripting.interface import Log, Robot
-from fame.scripting.python import called_name
+from fame.scripting.python import REQUESTS, bound_names, called_name
 from fame.scripting.python_effects import syntax_tree
 
 # ---- requests and the script interface -------------------------------------------------------------------------------
 
 
-_REQUESTS = ("sleep", "receive", "until", "robot.call", "robot.act")
 _HAVE: Mapping[str, tuple[str, ...]] = {
     name: tuple(one for one in dir(kind) if not one.startswith("_")) for name, kind in (("robot", Robot), ("log", Log))
 }
@@ -103,23 +102,13 @@ def _imported(tree: ast.AST) -> Iterator[tuple[str, int]]:
 def _misused_interface(process: CheckedProcess, text: ExpressionUse) -> Iterator[Finding]:
     """Methods that the script interface does not have, and requests that are not awaited."""
     tree = syntax_tree(text.expression, script=text.use == "script")
-    bound = _bound(tree) if tree is not None else set()
+    bound = bound_names(tree) if tree is not None else set()
     have = _HAVE if tree is not None else _IN_EXPRESSIONS
     for name, method, line in _attributes(text.expression, tree):
         if method not in have[name] and name not in bound:
             yield process.finding("warning", _unknown(name, method, have[name]), text.element, line)
     if tree is not None and text.use == "script":
         yield from _not_awaited(process, text.element, tree, bound)
-
-
-def _bound(tree: ast.AST) -> set[str]:
-    """The names that the text itself defines."""
-    nodes = list(ast.walk(tree))
-    names = {node.id for node in nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
-    names |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
-    names |= {node.arg for node in nodes if isinstance(node, ast.arg)}
-    return names | {alias.asname or alias.name for node in nodes
-                    if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names}  # fmt: skip
 
 
 def _attributes(expression: Expression, tree: ast.AST | None) -> Iterator[tuple[str, str, int]]:
@@ -142,7 +131,7 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
     parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
     for node in ast.walk(tree):
         called = called_name(node) if isinstance(node, ast.Call) else ""
-        if called not in _REQUESTS or called.partition(".")[0] in bound:
+        if called not in REQUESTS or called.partition(".")[0] in bound:
             continue
         target = _target(parents[node])
         used = _is_used(parents, node) or (target and all(_is_used(parents, one) for one in _loads(tree, target)))

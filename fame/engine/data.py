@@ -96,6 +96,11 @@ class Variables(dict[str, Any]):
         else:
             del self.outer[name]
 
+    def update(self, values: Mapping[str, Any], /) -> None:  # type: ignore[override]
+        """Set several variables, where each belongs; that of `dict` writes past `__setitem__`."""
+        for name, value in values.items():
+            self[name] = value
+
     def define(self, name: str, value: Any) -> None:
         """Set the scope's own variable `name`, also if an outer scope has one."""
         super().__setitem__(name, value)

@@ -240,8 +240,9 @@ class _ForeignReader:
             (element,) = elements
             if not said["time"]:
                 raise ValueError(f"an event has no {self._named['time']!r} (time); it has {_listed(event)}")
-            marks = ["enter", what] if what == "leave" and not under_way[element] else [what]
-            under_way[element] += {"enter": 1}.get(what, -1) + len(marks) - 1
+            alone = what != "enter" and not under_way[element]  # the end of an execution whose start is not logged
+            under_way[element] += 1 if what == "enter" else -1 + alone
+            marks = ["enter", what] if alone else [what]
             self.rows[-1] += [dated(said["time"], robot, trace, element, mark) for mark in marks]
 
     def _pool(self, robot: str) -> Pool | None:

@@ -23,7 +23,7 @@ from typing import Any
 
 from fame.bpmn.model import DataObject, Process, Task, Topic
 from fame.config.loader import parse_document
-from fame.engine.data import UNDEFINED, field_names, match, variable_name
+from fame.engine.data import UNDEFINED, Variables, field_names, match, variable_name
 from fame.engine.host import BpmnError
 from fame.engine.program import Compiled
 from fame.errors import ConfigError, MessageError, ModelError
@@ -66,7 +66,12 @@ def call_service(
             if not codes:
                 raise
             raise _renamed(error, codes) from error
-        variables.update(_outputs(task, topic, objects, response))
+        results = _outputs(task, topic, objects, response)
+        if task.io is not None and task.io.outputs and isinstance(variables, Variables):  # read by its mapping alone
+            for name, value in results.items():
+                variables.define(name, value)
+        else:
+            variables.update(results)
 
     def begin(variables: dict[str, Any]) -> Any:
         fields = request(variables) if request is not None else None

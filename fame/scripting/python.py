@@ -12,7 +12,8 @@ import dis
 import re
 import textwrap
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import lru_cache, partial
 from types import CodeType, CoroutineType, FrameType
 from typing import Any, Literal
@@ -24,8 +25,9 @@ from fame.scripting.budget import count_steps
 
 Code = Callable[[dict[str, Any]], Any]
 
-_AWAITED = {"sleep", "receive", "until"}
-_LOOKED_INTO = re.compile(r"\b(for|while|def|lambda)\b|sleep|receive|until|call")
+REQUESTS = ("sleep", "receive", "until", "robot.call", "robot.act")
+"""What does nothing unless it is awaited."""
+_LOOKED_INTO = re.compile(r"\b(for|while|def|lambda)\b|sleep|receive|until|call|act")
 """A text without these words has no loops and no requests, so its tree is not examined."""
 _LIKE_JAVASCRIPT = re.compile(
     r"\b(?:var|let|const)\s+\w|\bfunction\b\s*\w*\s*\(|=>|[=!]==|\bnew\s+\w|\bthis\.|\btypeof\b|\)\s*\{|\}\s*else\b"
@@ -63,13 +65,11 @@ def _compiled(expression: Expression, mode: Literal["exec", "eval"], file: str, 
     """The result of `compile`, with lines counted from the first of the text."""
     make = _parsed if flags & ast.PyCF_ONLY_AST else _known
     with _located(expression, mode, file, element):
-        try:
-            return make(_source(expression, mode), source_name(file), mode, flags)
-        except IndentationError:
-            hanging = _hanging(expression)
-            if mode == "eval" or hanging is None:
-                raise
-            return make(_source(hanging, mode), source_name(file), mode, flags)
+        *others, last = _readings(expression, mode)
+        for each in others:
+            with suppress(IndentationError):
+                return make(_source(each, mode), source_name(file), mode, flags)
+        return make(_source(last, mode), source_name(file), mode, flags)
 
 
 def _parsed(source: str, name: str, mode: str, flags: int) -> Any:
@@ -130,8 +130,7 @@ def error_text(error: BaseException) -> str:
 
 def _source(expression: Expression, mode: str) -> str:
     """The text as Python accepts it: dedented, expressions in parentheses."""
-    text = expression.text.expandtabs() if mode == "exec" else expression.text
-    text = textwrap.dedent(text)
+    text = textwrap.dedent(expression.text)
     if mode == "eval":
         before = text[: len(text) - len(text.lstrip())].count("\n")
         text = text.strip()
@@ -141,21 +140,23 @@ def _source(expression: Expression, mode: str) -> str:
 
 def accepted(expression: Expression, mode: Literal["exec", "eval"]) -> tuple[str, ast.AST] | None:
     """Return the text as Python accepts it, line by line the same, and its tree; None of an invalid one."""
-    for each in (expression, _hanging(expression) if mode == "exec" else None):
-        if each is not None:
-            try:
-                return (source := _source(each, mode)), _parsed(source, "", mode, ast.PyCF_ONLY_AST)
-            except (SyntaxError, ValueError, RecursionError, MemoryError):
-                continue
+    for each in _readings(expression, mode):
+        try:
+            return (source := _source(each, mode)), _parsed(source, "", mode, ast.PyCF_ONLY_AST)
+        except (SyntaxError, ValueError, RecursionError, MemoryError):
+            continue
     return None
 
 
-def _hanging(expression: Expression) -> Expression | None:
-    """A script whose first line follows its tag directly, with all other lines indented."""
-    first, _, rest = expression.text.partition("\n")
-    if not first.strip() or not rest.strip():
-        return None
-    return Expression(f"{first.strip()}\n{textwrap.dedent(rest)}", expression.language, expression.line)
+def _readings(expression: Expression, mode: str) -> Iterator[Expression]:
+    """The text; if its indentation is wrong, with tabs of 8 columns, and with a first line that follows its tag."""
+    yield expression
+    if mode == "exec":
+        text = re.sub(r"(?m)^[ \t]+", lambda indent: indent[0].expandtabs(), expression.text)
+        yield Expression(text, expression.language, expression.line)
+        first, _, rest = text.partition("\n")
+        if first.strip() and rest.strip():
+            yield Expression(f"{first.strip()}\n{textwrap.dedent(rest)}", expression.language, expression.line)
 
 
 class _located:
@@ -200,18 +201,35 @@ def called_name(call: ast.Call) -> str:
     return function.id if isinstance(function, ast.Name) else ""
 
 
+def bound_names(tree: ast.AST) -> set[str]:
+    """Return the names that a text itself defines."""
+    nodes = list(ast.walk(tree))
+    names = {node.id for node in nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
+    names |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
+    names |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    return names | {alias.asname or alias.name for node in nodes
+                    if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names}  # fmt: skip
+
+
 def _dropped_request(tree: ast.AST) -> tuple[str, int] | None:
     """The first request that is not awaited: (called name, line)."""
-    bound = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
-    bound |= {alias.asname or alias.name for node in ast.walk(tree)
-              if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}  # fmt: skip
-    bound |= {node.name for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            called = called_name(node.value)
-            if (called in _AWAITED and called not in bound) or (called == "robot.call" and "robot" not in bound):
-                return called, node.lineno
+    bound = bound_names(tree)
+    for statement in ast.walk(tree):
+        for call in _results(statement.value) if isinstance(statement, ast.Expr) else ():
+            called = called_name(call)
+            if called in REQUESTS and called.partition(".")[0] not in bound:
+                return called, call.lineno
     return None
+
+
+def _results(value: ast.expr) -> Iterator[ast.Call]:
+    """The calls of which an expression may give the results, as they are."""
+    if isinstance(value, ast.Call):
+        yield value
+    parts: list[ast.expr] = [value.body, value.orelse] if isinstance(value, ast.IfExp) else []
+    parts += value.values if isinstance(value, ast.BoolOp) else ()
+    for part in (*parts, *(value.elts if isinstance(value, ast.Tuple | ast.List) else ())):
+        yield from _results(part)
 
 
 def _writes_past_methods(code: CodeType) -> bool:

@@ -233,6 +233,10 @@ def _plainly(text: str) -> str:
 # ---- flow collections of YAML ----------------------------------------------------------------------------------------
 
 
+_QUOTED_OR_TAB = re.compile(r"""((?<!\w)"(?:\\.|[^"\\])*"|(?<!\w)'[^']*')|\t""", re.DOTALL)
+"""PyYAML takes no tab between values, where YAML has blanks; one in a text in quotes belongs to it."""
+
+
 @lru_cache(maxsize=1024)
 def flow(text: str) -> Any:
     """Return the value of a flow collection or quoted scalar: flow-style YAML, of which JSON is a
@@ -243,7 +247,7 @@ def flow(text: str) -> Any:
     import yaml
 
     try:
-        return yaml.load(text.expandtabs(), _loader())
+        return yaml.load(_QUOTED_OR_TAB.sub(lambda found: found[1] or " ", text), _loader())
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f" at letter {mark.index + 1}" if mark is not None else ""

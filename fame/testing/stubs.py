@@ -42,6 +42,7 @@ class Stub:
 
         async def run(variables: dict[str, Any]) -> None:
             from fame.engine import BpmnError, plain
+            from fame.engine.data import own_copy
             from fame.scripting import Sleep
 
             number = len(self.calls)
@@ -50,7 +51,8 @@ class Stub:
             after, sets, raises, signals = (_nth(value, number) for value in given)
             if after:
                 await Sleep(float(after))
-            variables.update(sets(dict(variables)) if callable(sets) else sets or {})
+            found = sets(plain(variables)) if callable(sets) else sets or {}
+            variables.update({name: own_copy(value) for name, value in found.items()})
             for name, payload in (signals or {}).items():
                 variables["__builtins__"]["signal"](name, payload)
             if raises is not None:
