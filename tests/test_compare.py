@@ -13,7 +13,7 @@ from fame.errors import ConfigError
 from fame.monitor.calibration import calibrate
 from fame.monitor.model_card import card_of
 from fame.monitor.pipeline.compare import REPEATED, Compared, compare
-from fame.monitor.pipeline.faults import CASES, FAULTS, faulty
+from fame.monitor.pipeline.faults import CASES, FAULTS, Tried, faulty
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit
 
@@ -88,10 +88,25 @@ def test_a_fault_changes_a_run_from_its_middle_on(kind: str):
     run = _repeating(0)
     for size in FAULTS[kind].sizes:
         changed = faulty(run, 1, (kind, size), np.arange(3), run.values.mean(axis=0), run.values.std(axis=0))
+        assert changed is not None
         count = len(changed)
         assert np.allclose(changed.values[:60], run.values[:60])
         assert not np.allclose(changed.values[60:], run.values[60:count])
         assert np.isfinite(changed.values).all()
+
+
+@pytest.mark.parametrize("length", [1, 2, 60])
+def test_a_fault_that_changes_nothing_is_not_among_those_that_were_tried(length: int):
+    """One channel has no other one to be swapped with."""
+    run = Samples(np.random.default_rng(0).normal(size=(length, 1)), np.arange(length) / 10)
+    other = Samples(run.values + 5, run.stamps)
+    tried = Tried([run, other])
+    for number in (0, 1):
+        tried.put(number, lambda changed: Samples(np.full((len(changed), 1), 9.0), changed.stamps))
+    told = {(kind, size): (count, of) for kind, size, count, of in tried.found([1.0])["found"]}
+    assert told["swapped", FAULTS["swapped"].text(0.5)] == (0, 0)
+    assert told["offset", FAULTS["offset"].text(0.5)] == (2, 2)
+    assert told["stuck", FAULTS["stuck"].text(0.5)] == ((2, 2) if length == 60 else (0, 0))
 
 
 @pytest.mark.long

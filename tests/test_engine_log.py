@@ -65,6 +65,21 @@ def test_an_engine_that_nobody_watches_keeps_everything(field: Field, tmp_path: 
         assert recording.models.keys() == {"REX.bpmn"}
 
 
+def test_how_a_process_ended_is_kept_when_another_one_takes_its_place(field: Field, tmp_path: Path) -> None:
+    log = engine_with_log(field, "REX", tmp_path)
+    field.deploy("REX")
+    field.run(1.01)
+    field.deploy("REX", COUNTING.replace("0.1S", "0.2S"))
+    field.run(1.01)
+    finish(field, log)
+    with Recording(tmp_path / "REX-19700101T000000.mcap") as recording:
+        events = [event for event in recording.events(robots=["REX"]) if event.element != "f2"]
+    assert [(event.element, event.what, event.detail) for event in events[-3:]] == [
+        ("Wait", "enter", None), ("Wait", "cancel", None), ("P", "end", "cancelled"),
+    ]  # fmt: skip
+    assert events[-3].time == SECOND
+
+
 def test_files_are_of_bounded_size_and_number_and_each_can_be_read(field: Field, tmp_path: Path) -> None:
     log = engine_with_log(field, "REX", tmp_path, files=3, size=3000)
     field.deploy("REX")

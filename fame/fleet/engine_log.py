@@ -57,7 +57,8 @@ class EngineLog(Closing):
         self._team.feed(self._robot, batch)
 
     def on_model(self, model: Mapping[str, Any]) -> None:
-        """Begin a new file for the process that the robot runs from now on."""
+        """Begin a new file for the process that the robot runs from now on, behind all that the one before has done."""
+        self._team.pass_on()
         self._model = model
         self._finish()
 

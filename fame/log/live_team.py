@@ -262,6 +262,11 @@ class LiveTeam(Closing):
         if self._waiting:
             self._release = self._scheduler.at(min(self._arrived.values()) + self.delay, self._on_due)
 
+    def pass_on(self) -> None:
+        """Pass on all messages that wait for their turn."""
+        if self._waiting:
+            self._give(max(item[0] for item in self._waiting))
+
     def _give(self, until: int) -> None:
         """Pass on all messages up to a time."""
         while self._waiting and self._waiting[0][0] <= until:
@@ -316,8 +321,7 @@ class LiveTeam(Closing):
         self._discovery.cancel()
         if self._release is not None:
             self._release.cancel()
-        if self._waiting:
-            self._give(max(item[0] for item in self._waiting))
+        self.pass_on()
         for source in self._sources.values():
             for end in source.ends:
                 end.close()

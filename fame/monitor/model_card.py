@@ -98,7 +98,8 @@ def _found(cases: Sequence[Sequence[Any]]) -> dict[str, str]:
     """Say of each kind of fault, put into left-out runs, what share was found at which size."""
     told: dict[str, list[str]] = {}
     for kind, size, found, tried in cases:
-        told.setdefault(kind, []).append(f"{100 * found / max(tried, 1):.0f} % of {tried} ({size})")
+        share = f"{100 * found / tried:.0f} % of {tried}" if tried else "not tried"
+        told.setdefault(kind, []).append(f"{share} ({size})")
     return {kind: "; ".join(shares) for kind, shares in told.items()}
 
 

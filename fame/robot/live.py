@@ -95,8 +95,12 @@ class LiveFeed:
     def begin(self, node: RobotNode, *, resumed: bool = False) -> None:
         """From now on this process, which has one of the observers, is what the robot runs.
 
-        One that is not `resumed` begins with its first step.
+        One that is not `resumed` begins with its first step. What is left of the process before is sent first: how it
+        ended.
         """
+        if self._current is not None:
+            self._current.flush()
+            self._send_rest()
         self._current = next(feed for feed in self._loaded if feed.node is node)
         self._changes.clear()
         self._subscribers = self._publisher.subscriber_count()
@@ -166,10 +170,16 @@ class LiveFeed:
         if self._log is not None:
             self._log.on_batch(batch)
 
+    def _send_rest(self) -> None:
+        """Send the changes that are known since the last batch."""
+        if self._changes:
+            if self._next is not None:
+                self._next.cancel()
+            self._send()
+
     def close(self) -> None:
         """Publish the remaining changes, and stop."""
-        if self._changes:
-            self._send()
+        self._send_rest()
         self._poll.cancel()
         if self._next is not None:
             self._next.cancel()
@@ -235,9 +245,12 @@ class ProcessFeed(Observer):
         if self._dirty or self.node is None or self._tracker is None or not self._tracker.active:
             return
         self._dirty = True
-        self.node.scheduler.soon(self._flush, Kind.WORLD)
+        self.node.scheduler.soon(self.flush, Kind.WORLD)
 
-    def _flush(self) -> None:
+    def flush(self) -> None:
+        """Look for changes now, if anything has happened."""
+        if not self._dirty:
+            return
         self._dirty = False
         if self.node is not None and self._tracker is not None and self._feed.is_current(self):
             try:

@@ -7,6 +7,7 @@ wires) is put into all that move, on their common scale.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -74,7 +75,7 @@ def _swing(low: float, high: float) -> Inject:
 
 
 def _late(values: Floats, place: Onset) -> None:
-    shift = max(1, round(place.size * len(values)))
+    shift = min(max(1, round(place.size * len(values))), place.onset)
     values[place.onset :, place.channel] = values[place.onset - shift : len(values) - shift, place.channel].copy()
 
 
@@ -157,10 +158,16 @@ class Tried:
         self._losses: dict[tuple[tuple[str, float], int], Samples] = {}
 
     def put(self, number: int, losses: Callable[[Samples], Samples]) -> None:
-        """Put every fault into a run, and keep what `losses` gives from the onset on, if it is one of the chosen."""
+        """Put every fault into a run, and keep what `losses` gives from the onset on, if it is one of the chosen.
+
+        One that changes nothing, as two wires of one channel, is no fault of this run.
+        """
         run = self._runs[number]
         for case in CASES if number in self._chosen and len(run) else ():
-            loss = losses(faulty(run, number, case, self._moving, self._mean, self._scale))
+            changed = faulty(run, number, case, self._moving, self._mean, self._scale)
+            if changed is None:
+                continue
+            loss = losses(changed)
             since = loss.stamps - run.stamps[len(run) // 2]
             kept = Samples(loss.values[since >= 0].astype(np.float32), since[since >= 0])
             self._losses[case, number] = kept
@@ -174,17 +181,22 @@ class Tried:
             if above.any():
                 counts[case] += 1
                 latencies.append(float(loss.stamps[above.argmax()]))
-        tried = len(self._losses) // len(CASES)
-        told = [[kind, FAULTS[kind].text(size), count, tried] for (kind, size), count in counts.items()]
+        tried = Counter(case for case, _ in self._losses)
+        told = [[case[0], FAULTS[case[0]].text(case[1]), count, tried[case]] for case, count in counts.items()]
         return {"found": told, "latency": float(np.median(latencies)) if latencies else None}
 
 
-def faulty(run: Samples, number: int, case: tuple[str, float], moving: Whole, mean: Floats, scale: Floats) -> Samples:
-    """Put a fault into the middle of a run, in one of the channels that are `moving`."""
+def faulty(
+    run: Samples, number: int, case: tuple[str, float], moving: Whole, mean: Floats, scale: Floats
+) -> Samples | None:
+    """Put a fault into the middle of a run, in one of the channels that are `moving`; None if that changes nothing."""
     kind, size = case
     random = np.random.default_rng([number, list(FAULTS).index(kind)])
-    values = (run.channels() - mean) / scale
+    before = (run.channels() - mean) / scale
+    values = before.copy()
     channel, other = (int(moving[(number + n) % len(moving)]) for n in (0, 1))
     changed = FAULTS[kind].inject(values, Onset(len(values) // 2, channel, other, size, random))
-    values = (values if changed is None else changed) * scale + mean
-    return run.replace(np.nan_to_num(values, nan=0.0), run.stamps[: len(values)])
+    values = values if changed is None else changed
+    if np.array_equal(values, before, equal_nan=True):
+        return None
+    return run.replace(np.nan_to_num(values * scale + mean, nan=0.0), run.stamps[: len(values)])
