@@ -96,9 +96,10 @@ class Parcels:
         return station.name
 
     def station_of(self, parcel: Parcel) -> str:
-        """Return the station at which a parcel lies, empty if none."""
-        lies = [one.name for one in self.stations.values() if math.dist(one.at, parcel.at) <= one.radius]
-        return lies[0] if lies and not parcel.carrier else ""
+        """Return the station at which a parcel lies, the nearest of several, empty if none."""
+        near = [station for station in self.stations.values() if math.dist(station.at, parcel.at) <= station.radius]
+        station = min(near, key=lambda one: math.dist(one.at, parcel.at), default=None)
+        return station.name if station is not None and not parcel.carrier else ""
 
     def summary(self, parcel: Parcel) -> dict[str, Any]:
         """Return where a parcel is, JSON-serialisable."""

@@ -70,6 +70,22 @@ def test_what_is_asked_of_an_unknown_value_has_both_answers(condition: str) -> N
     assert outcomes(condition, UNKNOWN, "run y = robot.now") == BOTH
 
 
+@pytest.mark.parametrize(
+    ("condition", "known"),
+    [
+        ("${m.get('k') == 3}", False),
+        ("${m.q.contains(3)}", False),
+        ("= m.list.k[1] = 3", False),
+        ("= some v in m.list.k satisfies v = 3", False),
+        ("= m.n.n = 3", True),
+        ("${m.n.n == 3}", True),
+    ],
+)
+def test_an_expression_asks_for_what_its_methods_and_lists_hold(condition: str, known: bool) -> None:
+    held = "run m = {'k': x, 'q': [x], 'list': [{'k': x}], 'n': {'n': 3}}"
+    assert outcomes(condition, UNKNOWN, held) == ((True, False) if known else BOTH)
+
+
 KEPT = [
     ("x in v", "v = [x]"),
     ("x in v", "v = {x}"),

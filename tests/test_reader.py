@@ -385,6 +385,7 @@ def test_a_message_flow_to_nothing_is_a_warning() -> None:
     ("said", "expected"),
     [
         ({"instances": "-1"}, "instances='-1': expected a whole number, 1 or more"),
+        ({"instances": "1_0"}, "instances='1_0': expected a whole number, 1 or more"),
         ({"instances": "many"}, "instances='many': expected a whole number, 1 or more"),
         ({"semantics": "loose"}, "semantics='loose': expected standard or original"),
         ({"topics": "names"}, "topics='names': expected signals or labels"),

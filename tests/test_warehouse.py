@@ -10,6 +10,7 @@ from fame.errors import ConfigError
 from fame.robot import Event
 from fame.scenario import Result, Scenario
 from sim2d.record import Things, WorldRecorder
+from sim2d.warehouse import ParcelConfig, Parcels, StationConfig
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "warehouse.yaml"
 STATIONS = [{"name": "a", "at": [1.3, 2]}, {"name": "b", "at": [5, 2]}]
@@ -64,6 +65,14 @@ def test_a_parcel_that_a_station_has_taken_lies_at_it(radius: float) -> None:
     hall = Hall(stations=[{"name": "a", "at": [1.3, 2], "radius": radius}], parcels=[{"name": "p", "at": "a"}])
     assert (hall.answer("load"), hall.answer("unload")) == ((True, "p"), (True, "a"))
     assert hall.world.summary()["parcels"]["p"]["station"] == "a"
+
+
+def test_a_parcel_lies_at_the_nearest_of_two_stations_where_it_was_put_down() -> None:
+    stations = [StationConfig("A", (0.0, 0.0), 2.0), StationConfig("B", (1.0, 0.0), 0.6)]
+    parcels = Parcels([ParcelConfig("p", (0.0, 0.0))], stations)
+    parcel = parcels.take((0.0, 0.0), 1.0, "REX")
+    assert parcel is not None
+    assert parcels.put(parcel, (1.1, 0.0), 1.0) == parcels.station_of(parcel) == "B"
 
 
 def test_a_parcel_out_of_reach_stays_where_it_is() -> None:

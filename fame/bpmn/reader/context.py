@@ -136,10 +136,7 @@ def boolean_property(context: Context, element: Node, name: str, text: str) -> b
 
 def whole_number(context: Context, element: Node, name: str, text: str, least: int) -> int:
     """Return a property or attribute that is a whole number. A number below `least` is a fault."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = least - 1
+    number = int(text) if re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text) else least - 1  # Python also reads 1_0
     if number < least:
         context.fault(element, f"{name}={text!r}: expected a whole number, {least} or more")
     return max(number, least)

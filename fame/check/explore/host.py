@@ -305,10 +305,12 @@ class ExplorationHost:
         """An expression that is unknown if it uses an unknown value, except of variables that it only inserts."""
         number, closed = self.values.number, effects_of(expression).reads - open_to
         text = expression.language == "template"
-        paths = {name: re.findall(rf"\b{re.escape(name)}((?:\.[^\W\d]\w*)*)", expression.text) for name in closed}
+        segment = r"\.[^\W\d]\w*+(?!\s*\()"  # no method: it may use all that is there
+        paths = {name: re.findall(rf"\b{re.escape(name)}((?:{segment})*)", expression.text) for name in closed}
 
         def uses_unknown(name: str, value: Any) -> bool:
-            return not paths[name] or any(holds_unknown(_at(value, path)) for path in paths[name])
+            lists = expression.language not in ("juel", "template")  # FEEL takes the field of each item
+            return not paths[name] or any(holds_unknown(_at(value, path, lists)) for path in paths[name])
 
         def evaluate(variables: dict[str, Any]) -> Any:
             self.compute(element)
@@ -587,9 +589,11 @@ def step_of(script: Expression) -> AbstractStep:
     return AbstractStep(tuple(sorted(effects.writes)), changes, codes=tuple(sorted(effects.codes or ())), emits=emits)
 
 
-def _at(value: Any, path: str) -> Any:
-    """What an expression finds in a message or mapping by a path such as ``.pose.x``."""
+def _at(value: Any, path: str, lists: bool) -> Any:
+    """What an expression finds in a message or mapping by a path such as ``.pose.x``; of `lists`, all that is there."""
     for name in path.split(".")[1:]:
+        if lists and isinstance(value, list | tuple):
+            return value
         value = value.get(name) if isinstance(value, dict) else getattr(value, name, None)
     return value
 
