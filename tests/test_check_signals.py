@@ -119,4 +119,6 @@ def test_a_script_that_computes_what_it_throws_may_throw_anything() -> None:
         return [text for text in told_of if "each other" in text]
 
     assert len(texts("'found'")) == 2
-    assert texts("x") == []
+    assert len(texts("'found', {}")) == 2
+    for computed in ("x", "'' + x", "'%s' % x", "'do' 'ne'"):
+        assert texts(computed) == [], computed

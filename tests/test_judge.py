@@ -436,6 +436,9 @@ def test_a_slow_change_is_drift_before_it_is_an_alarm(model: TrainedModel, tmp_p
     assert monitor.drifting == ("current_0",)
     assert (scores < np.array(model.thresholds)).all()
     assert 5 < monitor.runs < 30
+    (tmp_path / "drift.json").write_text((tmp_path / "drift.json").read_text().replace("0.0", "NaN", 1))
+    with pytest.raises(ConfigError, match="a sum is no finite number"):  # it would never drift again
+        monitor.restore(tmp_path / "drift.json")
 
 
 def test_a_node_signals_drift_once_and_goes_on_after_a_restart(model: TrainedModel, tmp_path: Path) -> None:

@@ -27,8 +27,9 @@ from fame.middleware.qos import parse
 
 _SAYS = re.compile(r"\b(?:signal|publish|createPublisher)\b")
 _SAYS_LITERALLY = re.compile(
-    r"""\bsignal\s*\(\s*["']|\bpublish\s*\(\s*["']|\bcreatePublisher\s*\(\s*["'`][\w/]+["'`]\s*,\s*["'`]"""
+    r"""\b(?:signal\s*\(|publish\s*\(|createPublisher\s*\(\s*["'`][\w/]+["'`]\s*,)\s*(["'`])[^"'`\\$]*\1\s*[,)]"""
 )
+"""With a text that is the whole name, not a part of it."""
 _AWAITS = re.compile(
     r"^(?:\w+\s*=\s*)?await\s+(?:receive|robot\.call|robot\.act|sleep\s*\(\s*0*\.?0*[1-9])", re.MULTILINE
 )

@@ -57,7 +57,7 @@ def _between(whole: Recording, held: Sequence[float] | None) -> tuple[float, str
     highest = max(score for score, label in zip(held, labels, strict=True) if label == BENIGN)
     if lowest <= highest:
         return highest, f"no threshold parts the runs: anomalous from {lowest:.4f}, benign up to {highest:.4f}"
-    return float(np.nextafter(lowest, 0)), ""
+    return float(np.nextafter(lowest, -np.inf)), ""
 
 
 def together(
