@@ -92,6 +92,8 @@ def run(arguments: Namespace) -> int:
         ExitStack() as served,
         suppress(KeyboardInterrupt),
     ):
+        if not source.model.exists():
+            note(f"{source.model} is not there: it is begun, and written when you save")
         if arguments.team:
             _beside_team(source, served, arguments)
             return 0

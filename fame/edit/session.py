@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from fame.bpmn.difference import ORDER, ElementChange
+from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read_bytes, read_text
 from fame.bpmn.reader.xml import CAMUNDA, ZEEBE, parse, read_file
 from fame.bpmn.tags import decoded
@@ -93,7 +94,7 @@ class ModelEdit(ModelWatch):
         self._robots: tuple[ScenarioFile | None, RobotTopics] = (None, {})
         self._drawn = (b"", b"")  # what was shown last: the file, and that with a diagram
         if self.model.suffix.lower() not in (".bpmn", ".xml"):
-            raise ConfigError(f"expected MODEL.bpmn or SCENARIO.yaml, got {self.model.name!r}", file=str(subject))
+            raise ConfigError(f"expected MODEL.bpmn or SCENARIO.yaml, got {str(self.model)!r}", file=str(subject))
         if not self.model.parent.is_dir():
             raise ConfigError("cannot be written: there is no such folder", file=str(self.model.parent))
         parse(self._content(), str(self.model))
@@ -115,11 +116,11 @@ class ModelEdit(ModelWatch):
             raise ConfigError(unreadable(error), file=str(self.model)) from None
 
     def _shown(self, content: bytes) -> bytes:
-        """What is drawn: the file, with a diagram if it has none."""
+        """What is drawn: the file, with a diagram of what it does not draw."""
         if self._drawn[0] != content:
             model, drawn = read_bytes(content, file=str(self.model)), content
             with suppress(FameError):  # without the room, or with nothing to draw: the page says that it has no diagram
-                drawn = content if model.shapes else bytes(load(ADD_DIAGRAM)(model))
+                drawn = bytes(load(ADD_DIAGRAM)(model)) if _has_gaps(model) else content
             self._drawn = content, drawn
         return self._drawn[1]
 
@@ -312,7 +313,22 @@ def _keep(those: dict[str, _Value], name: str, value: _Value, most: int) -> None
 def _is_new(change: ElementChange) -> bool:
     """Whether a change says something else, not only less: what an editor drops stays in the file; it sorts flows."""
     told = not isinstance(change.element, Root)  # where it has only another drawing, and foreign attributes
-    return told and (change.how == "added" or any(name != ORDER and new for name, _, new in change.values))
+    values = [(old.split(), new.split()) for name, old, new in change.values if name not in _LEFT_OUT]
+    return told and (change.how == "added" or any(new not in ([], old) for old, new in values))
+
+
+_LEFT_OUT = (ORDER, "executable", "multi instance")
+"""What the library says by its own defaults where the file leaves it out; it is not written there."""
+
+
+def _has_gaps(model: Definitions) -> bool:
+    """Whether there is no diagram, or something is missing among what is drawn, so that nobody would see it."""
+    drawn = {one.element for one in model.shapes} | {one.element for one in model.edges}
+    bodies = [body for process in model.processes for body in process.body.bodies()]
+    groups = [{one.id for one in (*body.nodes, *body.flows)} for body in bodies]
+    if not {process.id for process in model.processes} & {*model.planes}:
+        groups.append(drawn | {one.id for one in model.participants})
+    return not model.shapes or any(drawn & ids and not ids <= drawn for ids in groups)
 
 
 def _is_camunda8(content: bytes, file: str) -> bool:

@@ -24,6 +24,10 @@ const script = (address) =>
     document.head.append(h("script", { src: address, onload: done, onerror: () => failed(new Error(address)) }));
   });
 
+/** What the library cannot read of a file, and so does not draw. @param {{message: string}[]} warnings */
+const unread = (warnings) =>
+  warnings.map(({ message }) => message.replace(/\s+/g, " ")).filter((text) => text.startsWith("unparsable"));
+
 class Edit {
   /** @type {any} */
   modeler = null;
@@ -38,6 +42,8 @@ class Edit {
   changes = 0;
   /** @type {Finding[]} */
   findings = [];
+  /** @type {string[]} */
+  unread = [];
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   timer = undefined;
   exploring = new Exploring(this);
@@ -67,13 +73,15 @@ class Edit {
   async open(text, hash, drawn = "") {
     this.ready = false;
     try {
-      await this.modeler.importXML(text);
+      const { warnings } = await this.modeler.importXML(text);
+      this.unread = unread(warnings);
       await this.written(); // which puts shapes in order once
       this.base = await this.written();
       this.begun = (await source.post({ do: "open", base: this.base, hash })).base;
       if (drawn) await this.modeler.importXML(drawn);
     } catch (error) {
-      byId("findings").replaceChildren(h("p", { cls: "error" }, `It cannot be drawn: ${messageOf(error)}`));
+      const why = [messageOf(error), ...unread(/** @type {any} */ (error).warnings ?? [])].join("; ");
+      byId("findings").replaceChildren(h("p", { cls: "error" }, `It cannot be drawn: ${why}`));
       return;
     }
     Object.assign(this.mission, { text });
@@ -120,7 +128,9 @@ class Edit {
   }
 
   get found() {
-    const found = [...this.findings, ...this.exploring.findings];
+    const about = { level: "warning", element: "", name: "" };
+    const notDrawn = this.unread.map((line) => /** @type {Finding} */ ({ ...about, text: `not drawn: ${line}` }));
+    const found = [...notDrawn, ...this.findings, ...this.exploring.findings];
     return found.sort((one, other) => LEVELS.indexOf(one.level) - LEVELS.indexOf(other.level));
   }
 
