@@ -80,7 +80,10 @@ def test_several_detectors_count_by_the_thresholds_that_each_has_at_its_part_of_
     single = [fit(runs, replace(config, detector=name)).calibration for name in ("phase", "knn")]
     among = both.calibration.among
     assert among > max(each.among for each in single)  # either may raise the alarm
-    assert np.allclose(both.detector.usual, [calibrate(each.scores, 0.2, 1.0, among).thresholds for each in single])
+    parts = both.calibration.parts
+    assert np.allclose(both.detector.usual, [calibrate(each, 0.2, 1.0, among).thresholds for each in parts])
+    assert np.array_equal(parts[0], single[0].scores)
+    assert not np.allclose(parts[1], single[1].scores)  # it keeps the windows of phase, which lie closer
 
 
 @pytest.mark.parametrize("kind", FAULTS)

@@ -58,6 +58,15 @@ def test_the_score_of_a_run_by_several_is_in_units_of_their_thresholds(rule: str
     assert Several(rule, (), np.array([[2.0], [4.0]])).score([1.0, 6.0]) == score
 
 
+@pytest.mark.parametrize("name", ["any of phase, knn", "any of phase, knn, mahalanobis"])
+def test_thresholds_of_several_are_of_what_each_learned_with_the_others(name: str):
+    random, at = np.random.default_rng(1), np.arange(150)[:, None] / 50  # windows of training lie closer for `phase`
+    runs = [Samples(np.sin(at * [2.0, 5.0]) + 0.03 * random.standard_normal((150, 2)), at[:, 0]) for _ in range(12)]
+    made = fit(runs, Training(detector=name, window=20, stride=5, false_alarms="0.1 per run"))
+    assert made.calibration is not None
+    assert (made.calibration.scores <= made.thresholds).all()  # the lowest promise of 12 runs that keeps 0.1
+
+
 def test_the_forest_scores_as_scikit_learn_does():
     from sklearn.ensemble import IsolationForest
 
