@@ -1,5 +1,6 @@
 """Detectors by one interface, on data as a user's own robot gives them."""
 
+import warnings
 from functools import cache
 
 import numpy as np
@@ -7,6 +8,7 @@ import own_data
 import pytest
 from scipy.stats import binomtest
 
+from fame.dataclasses import replace
 from fame.errors import ConfigError
 from fame.monitor.calibration import independent
 from fame.monitor.pipeline.compare import compare
@@ -19,7 +21,7 @@ from fame.monitor.pipeline.detectors import (
     fit_detector,
 )
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.train import Training, fit, losses
+from fame.monitor.pipeline.train import Training, fit, learned, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.storage import detector_of, to_plain
 
@@ -51,6 +53,22 @@ def test_a_detector_names_the_channel_that_deviates_and_comes_back_as_it_was(nam
     again = detector_of(to_plain(detector), STORED)
     np.testing.assert_array_equal(again.loss(odd), found)
     np.testing.assert_allclose(detector.loss(odd[:1]), found[:1], rtol=1e-9)  # one by one as all at once
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize(("size", "unit"), [(1e300, 1.0), (-1.7e308, 1.0), (8.0, 1e-12)])
+def test_a_value_of_any_size_has_the_largest_loss_in_any_unit(name: str, size: float, unit: float):
+    channels = ("a", "b", "c")
+    runs = [Samples(values * unit, np.arange(20) / 10, channels) for values in windows()[:12]]
+    made = learned(runs, replace(QUICK, detector=name, window=10), 10.0)
+    odd = np.stack([run.values[:10] for run in runs])
+    usual = made.loss(odd)
+    odd[3, 5:, 1] = size * unit
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = made.loss(odd)
+    assert np.isfinite(found).all()
+    assert found[3].max() > usual.max()
 
 
 @pytest.mark.parametrize(("rule", "score"), [("any of", 1.5), ("all of", 0.5)])

@@ -14,7 +14,7 @@ from fame.cli import main
 from fame.errors import ConfigError
 from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.drift import Drift, DriftMonitor
-from fame.monitor.judge import areas, judge_trained
+from fame.monitor.judge import _share, areas, judge_trained
 from fame.monitor.model_card import card_of, to_markdown
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.estimators import Autoencoder
@@ -197,6 +197,13 @@ def test_empty_cells_are_told_and_what_they_leave_out_is_not_benign(
     assert [run["verdict"] for run in found["runs"]] == ["not judged", "not judged"]
     assert 0.7 < found["runs"][0]["share judged"] < 0.85
     assert any("rows have an empty cell in " in note for note in found["runs"][0]["notes"])
+
+
+def test_what_no_window_between_others_has_seen_is_not_judged() -> None:
+    ends = np.arange(20, 151, 5) / 50  # of windows of 20 samples at 50 Hz, in a run of 3 s
+    assert [_share(ends[:-2], 0.4, 3.0, 0.1), _share(ends, 0.4, 3.09, 0.1)] == [pytest.approx(1 - 0.2 / 3), 1.0]
+    without = ends[(ends < 1.45) | (ends > 1.85)]  # those with a value that no detector could take
+    assert _share(without, 0.4, 3.0, 0.1) == pytest.approx(1 - 0.1 / 3)
 
 
 def test_a_run_that_ends_early_is_not_judged_if_runs_have_a_length_of_their_own(

@@ -202,8 +202,9 @@ def test_rows_without_a_value_are_left_out(tmp_path: Path) -> None:
         ("stamp,x\n0.1,1\n0.2\n", "a.csv:3: expected 2 cells, got 1"),
         ("0.1,1\n", "a.csv:1: has no header"),
         ("stamp,x\n", "a.csv: has no rows"),
+        ("stamp,run,x", "a.csv: has no rows"),
         ("time,x\n1,2\n", "a.csv:1: has no column 'stamp'; it has time, x"),
-        ("", "a.csv:1: has no header"),
+        ("", "a.csv: is empty"),
     ],
 )
 def test_a_file_that_is_no_table_is_refused_with_its_line(tmp_path: Path, text: str, reason: str) -> None:
@@ -227,6 +228,14 @@ def test_a_wrong_training_section_is_refused(tmp_path: Path, section: object, re
     with pytest.raises(ConfigError) as caught:
         training_of(ConfigValue(section, "Training"), tmp_path)
     assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"), [(1e-200, "no channel ever moves"), (1e120, r"got the value .*e\+120: at most 1e\+100")]
+)
+def test_values_whose_squares_are_no_numbers_do_not_train(factor: float, text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        fit([run.replace(run.values * factor) for run in map(motion, range(3))], QUICK)
 
 
 def test_one_run_is_not_enough_to_train_and_validate() -> None:

@@ -20,6 +20,7 @@ from fame.errors import ConfigError
 from fame.monitor.data_files import Special, is_other_class, read_labelled_runs, read_runs
 from fame.monitor.pipeline import train as training
 from fame.monitor.pipeline.compare import suited
+from fame.monitor.pipeline.join import Join
 from fame.monitor.pipeline.training_checks import warnings_of
 from fame.monitor.pipeline.training_settings import Training, training_of
 
@@ -298,6 +299,15 @@ def test_rows_that_are_left_out_are_counted_with_what_they_lack_and_where(tmp_pa
     bad, good = read_labelled_runs([tmp_path / "runs.csv"])
     assert bad.lacking == "2 of 4 rows have an empty cell or inf in a, b (line 3 first)"
     assert good.lacking == ""
+    rows = [f"{n},0,{n},1" for n in range(20)]
+    rows[4:5] = ["4,0,4,1", "4,0,4,1", "4,0,5,1"]  # the second one says nothing new, the third one something else
+    (tmp_path / "runs.csv").write_text("\n".join(["stamp,run,a,b", *rows, ""]))
+    (run,) = read_labelled_runs([tmp_path / "runs.csv"])
+    assert run.samples.values[:, 0].tolist() == list(range(20))
+    assert (run.lacking, run.seen) == ("1 of 22 rows have the stamp of the row before (line 8 first)", 20 / 21)
+    (tmp_path / "runs.csv").write_text("stamp,a,b\n" + "".join(f"{n // 2},{n},1\n" for n in range(20)))
+    with pytest.raises(ConfigError, match=r"many rows with the stamp of the row before, 0 first: .* \(--rate\)"):
+        read_labelled_runs([tmp_path / "runs.csv"])
 
 
 def test_one_recording_without_runs_is_cut_into_parts(tmp_path: Path):
@@ -308,6 +318,21 @@ def test_one_recording_without_runs_is_cut_into_parts(tmp_path: Path):
     model = training.train(config)
     assert model.conditions["runs"] == 20
     assert "one recording, cut into 20 parts of 4.08 s: a run is such a part" in warnings_of(model)
+    file = tmp_path / "runs.csv"  # of a robot that rests between its runs, and is not recorded then
+    values = (line.partition(",")[2] for line in rows[:1200])
+    timed = [f"{n // 200 * 10 + n % 200 / 50},{row}" for n, row in enumerate(values)]
+    file.write_text("\n".join(["stamp,a,b", *timed, ""]))
+    model = training.train(replace(config, files=(str(file),)))
+    assert "one recording, cut into 6 parts of 3.98 s: a run is such a part" in warnings_of(model)
+
+
+def test_training_says_why_no_window_is_whole(tmp_path: Path):
+    file = tmp_path / "two.csv"
+    rows = [f"{n / 10},{n // 40},{n % 7},{'' if n % 4 else n}" for n in range(80)]
+    file.write_text("\n".join(["stamp,run,a,b", *rows, ""]))
+    config = Training((str(file),), detector="pca", window=10, join=Join(10, 0.15, "hold"))
+    with pytest.raises(ConfigError, match=r"no run has 10 samples at 10 Hz in a row; 2 of 2 runs .* \(b\)"):
+        training.train(config)
 
 
 BLOCKS = "normal\n\t-1\t63\n\t0\t62\n\t0\t61\n\n\ncollision\n\t-1\t64\n\t90\t60\n\t0\t61\n"

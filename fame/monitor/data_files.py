@@ -283,6 +283,14 @@ def _runs_of(
             continue
         kept = rows[whole[rows]]
         _refuse_backward(stamps, kept, path, lines)
+        again = 1 + np.flatnonzero(np.diff(stamps[kept]) == 0)  # as live: a row that is repeated says nothing new
+        torn[kept[again]] = (values[kept[again]] != values[kept[again - 1]]).any(axis=1)
+        if 10 * int(torn[kept].sum()) > len(kept):
+            text = (
+                f"has many rows with the stamp of the row before, {stamps[kept[again[0]]]:.12g} first: expected stamps"
+            )
+            raise ConfigError(f"{text} that grow, or how many rows come in a second (--rate)", file=str(path))
+        kept = np.delete(kept, again)
         known = stamps[rows][np.isfinite(stamps[rows])]
         changes = _changes(stamps[kept], [elements[row] for row in kept]) if elements else ()
         yield LabelledRun(
@@ -294,7 +302,9 @@ def _runs_of(
             labelled=bool(labels[rows].any()),
             seen=len(kept) / max(1, len(kept) + int(torn[rows].sum())),
             notes=notes,
-            lacking=_lacking(values[rows], torn[rows], columns, [lines[row] for row in rows[torn[rows]][:1]]),
+            lacking=_lacking(
+                values[rows], stamps[rows], torn[rows], columns, [lines[row] for row in rows[torn[rows]][:1]]
+            ),
         )
 
 
@@ -348,16 +358,20 @@ def _joined(
     )  # fmt: skip
 
 
-def _lacking(values: Floats, torn: Any, columns: Sequence[str], first: Sequence[int]) -> str:
+def _lacking(values: Floats, stamps: Floats, torn: Any, columns: Sequence[str], first: Sequence[int]) -> str:
     """Say what the `torn` rows of a run lack, in which columns, and in which line first."""
     if not torn.any():
         return ""
     lost = values[torn]
-    kinds = (("an empty cell", np.isnan(lost)), ("inf", np.isinf(lost)))
+    finite, timed = np.isfinite(lost).all(axis=1), np.isfinite(stamps[torn])
+    kinds = (
+        ("an empty cell", np.isnan(lost)), ("inf", np.isinf(lost)), ("no stamp", finite & ~timed),
+        ("the stamp of the row before", finite & timed),
+    )  # fmt: skip
     what = " or ".join(text for text, there in kinds if there.any())
     names = [name for name, column in zip(columns, lost.T, strict=True) if not np.isfinite(column).all()]
     where = f" in {', '.join(names)}" if names else ""
-    return f"{len(lost)} of {len(values)} rows have {what or 'no stamp'}{where} (line {first[0]} first)"
+    return f"{len(lost)} of {len(values)} rows have {what}{where} (line {first[0]} first)"
 
 
 def _changes(stamps: Floats, elements: Sequence[str]) -> ActiveElements:

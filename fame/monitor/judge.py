@@ -448,15 +448,15 @@ def _shortest(model: TrainedModel) -> float:
 def _share(stamps: Floats, window: float, seconds: float, stride: float, late: float = 0.0) -> float:
     """Return the share of a run that lies in a window, which ends at one of `stamps` (s).
 
-    What is left at the end for lack of a whole `stride` counts as judged, and what came before a run that began up to
-    `late` (s) late is no part of it.
+    What is left at the end for lack of a whole `stride` counts as judged, but not what lies between two windows, and
+    what came before a run that began up to `late` (s) late is no part of it.
     """
     if not len(stamps):
         return 0.0
-    covered = float(np.minimum(np.diff(stamps, prepend=stamps[0] - window), window).sum())
-    before = float(stamps[0]) - window
-    missing = seconds - covered - (before if before < late + 1.5 * stride else 0.0)
-    return 1.0 if missing < 1.5 * stride else max(0.0, 1 - missing / seconds)
+    missing = float(np.maximum(np.diff(stamps) - window, 0.0).sum())
+    before, after = float(stamps[0]) - window, seconds - float(stamps[-1])
+    missing += (before if before >= late + 1.5 * stride else 0.0) + (after if after >= 1.5 * stride else 0.0)
+    return max(0.0, 1 - missing / seconds) if missing > 0 else 1.0
 
 
 def spans(stamps: Floats, active: Any, ratios: Floats, channels: Sequence[str]) -> tuple[Event, ...]:

@@ -58,10 +58,12 @@ def read_table(
     """
     text = _text(path)
     lines = text.splitlines()
-    if lines and not lines[0].strip():
+    if not lines:
+        raise ConfigError("is empty", file=str(path))
+    if not lines[0].strip():
         raise ConfigError("is a blank line; expected a header or numbers", file=str(path), line=1)
-    separator = _separator(lines[0], path) if lines else ","
-    head = _row(lines[0], path, 1, separator) if lines else []
+    separator = _separator(lines[0], path)
+    head = _row(lines[0], path, 1, separator)
     header = not all(_is_number(cell.replace(",", ".")) for cell in head)
     names = tuple(name.strip() for name in head) if header else ()
     if recorded and (not names or any(map(_is_number, names))):
@@ -74,7 +76,7 @@ def read_table(
     while lines and not lines[-1].strip():
         lines.pop()
     numbers: Sequence[int] = range(2 if header else 1, len(lines) + 1)
-    if header and lines.count(lines[0]) > 1:
+    if header and lines and lines.count(lines[0]) > 1:
         numbers = [number for number in numbers if lines[number - 1] != lines[0]]
     if not numbers:
         raise ConfigError("has no rows of numbers", file=str(path))

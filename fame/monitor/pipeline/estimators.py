@@ -19,6 +19,7 @@ from fame.monitor.pipeline.run_finder import RunFinder, Spans, inside
 from fame.monitor.pipeline.trained_model import TrainedModel
 
 OUTSIDE = "outside of every run, or longer than any run of the training: not judged"
+GAP = 2.0
 _METHODS = ("predict", "transform", "decision_function", "score_samples", "predict_proba")
 
 
@@ -39,7 +40,7 @@ class Autoencoder(Processor):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("model", "file", "", description="file of the trained model", fixed=True),
         Parameter("stride", "int", 5, (1, None), "samples", "from one window to the next"),
-        Parameter("gap", "float", 2.0, (0, None), "s", "between two samples, after which a run begins"),
+        Parameter("gap", "float", GAP, (0, None), "s", "between two samples, after which a run begins"),
     )
     outputs: tuple[str, ...] = ("loss",)
     model: str

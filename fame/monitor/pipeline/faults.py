@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fame.monitor.arrays import Floats, Whole
+from fame.monitor.arrays import Floats, Whole, moves
 from fame.monitor.pipeline.processor import Samples
 
 
@@ -151,7 +151,7 @@ class Tried:
     def __init__(self, runs: Sequence[Samples]) -> None:
         every = np.concatenate([run.channels() for run in runs])
         self._runs, self._mean, self._scale = runs, every.mean(axis=0), every.std(axis=0)
-        self._moving = np.flatnonzero(self._scale > 0)
+        self._moving = np.flatnonzero(moves(self._scale, self._mean))
         self._scale = np.where(self._scale > 0, self._scale, 1.0)
         most = int(min(RUNS, len(runs), max(2, VALUES * len(runs) / (len(CASES) * every.size))))
         self._chosen = set(np.linspace(0, len(runs) - 1, most).round().astype(int).tolist())

@@ -187,7 +187,8 @@ def _of_rate(ends: Whole, stamps: Floats, size: int, rate: float, report: Callab
     lasted = stamps[ends] - stamps[ends - (size - 1)]
     fits = np.abs(lasted - length) <= TOLERANCE * length
     if not fits.all():
-        found = (size - 1) / float(lasted[~fits][-1])
+        last = float(lasted[~fits][-1])
+        found = (size - 1) / last if last else np.inf
         report(f"windows left out: expected samples at {rate:g} Hz without a gap, got {found:.3g} Hz")
     return ends[fits]
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from fame.dataclasses import asdict, replace
 from fame.errors import ConfigError
-from fame.monitor.arrays import Floats
+from fame.monitor.arrays import Floats, moves
 from fame.monitor.calibration import FEWEST, calibrate, false_alarm_rate, independent
 from fame.monitor.copies import RUN_HASHES, copies, run_hash
 from fame.monitor.data_files import LabelledRun, hash_files, is_other_class, rate_of, read_labelled_runs, run_names
@@ -31,7 +31,7 @@ from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.cycles import found_of, phases_of, spread_of
 from fame.monitor.pipeline.detectors import RULES, Several, detector_names, draw_lot, fit_detector, is_class
 from fame.monitor.pipeline.elements import Axis, axis_of, run_times
-from fame.monitor.pipeline.estimators import Autoencoder
+from fame.monitor.pipeline.estimators import GAP, Autoencoder
 from fame.monitor.pipeline.faults import Tried
 from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.other_estimators import estimator_of
@@ -55,6 +55,8 @@ ReportProgress = Callable[[str], object]
 Complete = Callable[[Sequence[LabelledRun], Sequence[str]], Sequence[LabelledRun]]
 FINE = 0.05
 """Longest time between two phases, s; where rows are farther apart, as they are."""
+LARGEST = 1e100
+"""Value that trains, at most: squares of it are numbers."""
 REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 
@@ -82,16 +84,22 @@ def train(
     if anomalous:
         _check_count(runs, len(anomalous))
     cut, runs = len(runs) == 1, parts(runs[0], config.window) if len(runs) == 1 else runs
-    model = fit(
-        runs, config, hash_files(config.files), report, keep=keep or config.keep, faults=True, detectors=detectors
-    )
+    lost_rows = missing(complete(read, columns), used)
+    try:
+        model = fit(
+            runs, config, hash_files(config.files), report, keep=keep or config.keep, faults=True, detectors=detectors
+        )
+    except ConfigError as error:
+        if error.element != "Training.window" or not lost_rows:
+            raise
+        raise ConfigError(f"{error.text}; {lost_rows[0]}", element=error.element) from None
     told = f"one recording, cut into {len(runs)} parts of {float(np.ptp(runs[0].stamps)):.3g} s: a run is such a part"
     places = list(range(len(runs))) if cut else numbers
     more = {
         "cut": [told] if cut else [], "benign": benign, "numbers": [places[at] for at in model.conditions["numbers"]],
         "jumps": [(places[at], *jump) for at, *jump in model.conditions["jumps"]],
         "files": [Path(path).name for path in config.files], "anomalous": anomalous, "lost_labels": lost,
-        "missing": missing(complete(read, model.columns), used),
+        "missing": lost_rows,
     }  # fmt: skip
     return replace(model, conditions={**model.conditions, **more})
 
@@ -179,14 +187,17 @@ def _left_out_scores(
     return np.array(scores), np.array(lone)
 
 
-CUT = 20
-"""Parts of a recording that is one run, at most; each is as long as two windows, at least."""
+CUT, GAPS = 20, 4
+"""Parts of a recording that is one run, at most; each is as long as two windows, at least. So many gaps, after which
+runs begin, divide it instead."""
 
 
 def parts(run: Samples, window: int) -> list[Samples]:
-    """Cut one continuous recording into parts of equal length; the run itself if it is too short for two."""
+    """Cut one continuous recording at its gaps, or into parts of equal length; the run itself if it is too short."""
     count = min(CUT, len(run) // (2 * window))
     bounds = np.linspace(0, len(run), max(count, 1) + 1).astype(int)
+    gaps = np.flatnonzero(np.diff(run.stamps) > GAP) + 1
+    bounds = bounds if len(gaps) < GAPS else np.array([0, *gaps, len(run)])
     return [Samples(run.values[a:b], run.stamps[a:b], run.names, run.elements) for a, b in pairwise(bounds)]
 
 
@@ -235,7 +246,7 @@ def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedMo
     every = np.concatenate([run.channels() for run in runs])
     config = weighed(runs, config, rate)
     mean, scale = every.mean(axis=0), every.std(axis=0)
-    scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
+    scale = np.where(moves(scale, mean), scale, 1.0)
     config = replace(config, stride=_stride(config, rate))
     axis = axis_of(runs, config.stride / rate) if Phases.kind in config.detector else {}
     windows, times = _windows(runs, config, rate, axis)
@@ -351,7 +362,7 @@ def _least_movement(runs: Sequence[Samples], config: Training, model: TrainedMod
     """Return the least standard deviation of each channel over a window; 0 of one that stands still in one of them."""
     cut = (Windower().feed(run.replace(run.channels()), model.window, config.stride, model.rate) for run in runs)
     least = np.min([part.values.std(axis=1).min(axis=0) for part in cut if len(part)], axis=0)
-    return [float(each) for each in np.where(least > 1e-9 * (1 + np.abs(model.mean)), least, 0.0)]
+    return [float(each) for each in np.where(moves(least, model.mean), least, 0.0)]
 
 
 def _begins_of(model: TrainedModel, runs: Sequence[Samples], config: Training) -> dict[str, Any]:
@@ -366,7 +377,7 @@ def _begins_of(model: TrainedModel, runs: Sequence[Samples], config: Training) -
 
 def _moves(runs: Sequence[Samples]) -> Any:
     every = np.concatenate([run.channels() for run in runs])
-    return np.ptp(every, axis=0) > 0
+    return moves(every.std(axis=0), every.mean(axis=0))
 
 
 _SET = ("usual", "parts", "share")
@@ -401,6 +412,10 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
     if not config.hidden:
         raise ConfigError("expected at least one layer, got none", element="Training.hidden")
     _check_count(runs)
+    largest = max((float(np.abs(run.values).max()) for run in runs if len(run)), default=0.0)
+    if largest > LARGEST:
+        text = f"got the value {largest:g}: at most {LARGEST:g} can be learned from"
+        raise ConfigError(text, element="Training.files")
     if not _moves(runs).any():
         raise ConfigError("no channel ever moves: nothing to learn", element="Training.files")
 

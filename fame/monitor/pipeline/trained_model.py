@@ -25,6 +25,8 @@ from fame.text import write_file
 
 LEAST_MOVEMENT = "least_movement"
 """In the conditions of a model."""
+FARTHEST = 1e60
+"""Deviation, in the scaled unit, from which on values are alike: squares of it are numbers."""
 STILL = 0.1
 """A channel that moves less than this part of its least movement in training hardly moves."""
 
@@ -98,7 +100,9 @@ class TrainedModel(StoredModel):
 
         `times` (n,) are those of their ends, s since the start of the run, for a detector that knows phases.
         """
-        return self.detector.loss((np.asarray(windows, dtype=np.float64) - self.mean) / self.scale, times)
+        with np.errstate(over="ignore"):
+            scaled = (np.asarray(windows, dtype=np.float64) - self.mean) / self.scale
+        return self.detector.loss(np.clip(scaled, -FARTHEST, FARTHEST), times)
 
     def save(self, path: str | Path, *, single: bool = False) -> None:
         """Store the model: with skops, or as ONNX if the name ends in ``.onnx``; `single`: with inputs and outputs of

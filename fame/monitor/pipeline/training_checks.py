@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fame.monitor.arrays import Floats
+from fame.monitor.arrays import Floats, moves
 from fame.monitor.calibration import FAR, FEWEST, Calibration, calibrate, calibrate_runs
 from fame.monitor.data_files import LabelledRun
 from fame.monitor.pipeline.detectors import keeps_windows
@@ -196,8 +196,8 @@ def unlike_movements(runs: Sequence[Samples]) -> list[tuple[int, int, float]]:
     every = [run.channels() for run in runs]
     moved = np.array([values.std(axis=0) for values in every])
     noise = np.median([np.diff(values, axis=0).std(axis=0) for values in every], axis=0) / math.sqrt(2)
-    usual, size = np.median(moved, axis=0), 1 + np.abs(every[0].mean(axis=0))
-    judged = usual > np.maximum(MOVING * noise, 1e-9 * size)
+    usual = np.median(moved, axis=0)
+    judged = (usual > MOVING * noise) & moves(usual, every[0].mean(axis=0))
     times = moved / np.where(judged, usual, 1.0)
     logs = np.where(judged, np.log(np.maximum(times, 1e-9)), 0.0)
     far = _far(logs)
