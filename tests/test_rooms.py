@@ -39,7 +39,7 @@ OF_ROOMS = {
     "edit": ("diff m.bpmn m.bpmn", "edit --fetch"),
     "explore": ("check --explore m.bpmn",),
     "feel": ("check el.bpmn", "run el.bpmn"),
-    "fleet": ("doctor", "inventory"),
+    "fleet": ("doctor", "inventory", "log collect", "log collect -o logs"),
     "foxglove": ("view --foxglove 0",),
     "javascript": ("run js.bpmn",),
     "judge": (

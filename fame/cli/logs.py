@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,9 +31,22 @@ def add(commands: Commands) -> None:
     _add_record(parts)
     _add_convert(parts)
     _add_merge(parts)
-    with suppress(UnavailableError):
-        load(COLLECT)(parts)
+    _add_collect(parts)
     _add_judge(parts)
+
+
+def _add_collect(parts: Commands) -> None:
+    """Declare the command of a room; without it, what says so whatever is given."""
+    try:
+        load(COLLECT)(parts)
+    except UnavailableError as error:
+        absent, lacking = parts.add_parser("collect", help=str(error), prefix_chars="\0", add_help=False), error
+
+        def refuse(_: object) -> int:
+            raise lacking
+
+        absent.add_argument("arguments", nargs="*", type=refuse)
+        absent.set_defaults(command=refuse, leaf=absent, no_project=True)
 
 
 def _add_record(parts: Commands) -> None:
