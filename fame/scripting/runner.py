@@ -449,6 +449,7 @@ class Runner:
                 self._once_more(task, client, partial(attach_again, goal))
             elif outcome == "unknown":
                 self.cancelled.take_up({goal.hex(): (client.name, client.type, False)}, lambda *_: client)
+                self._stepped(task.key)  # which records it: should the robot crash now, it is cancelled once more
                 self._lose(task, client, begin, "its server does not know the goal")
             else:
                 self._soon(task, task.script.throw, GoalError(outcome, f"{request}: the goal was {outcome}", result))
