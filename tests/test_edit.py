@@ -10,10 +10,12 @@ import re
 import shutil
 import tarfile
 import threading
+from argparse import Namespace
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -28,6 +30,7 @@ from fame.bpmn import read_text
 from fame.bpmn.library import Library
 from fame.check import check
 from fame.cli import main
+from fame.cli.edit import _serve
 from fame.edit import modeler
 from fame.edit.exploring import Explorer, explored, places
 from fame.edit.session import ModelEdit
@@ -181,7 +184,7 @@ def test_a_file_that_somebody_else_has_changed_is_never_overwritten(edit: ModelE
     found = drawn(edit, mine, "compare", base=begun)
     assert found["lines"][0].startswith('~ scriptTask "Count" (t)')
     assert (found["text"], found["merged"]) == (theirs, theirs.replace('name="Count"', 'name="Number"'))
-    eventually(lambda: edit.news(None)[1] == [{"type": "file", "hash": found["hash"]}])
+    eventually(lambda: edit.news(None)[1] == [{"type": "file", "hash": found["hash"], "there": True}])
 
 
 def test_what_is_drawn_is_checked_before_it_is_saved(edit: ModelEdit, model: Path) -> None:
@@ -292,6 +295,29 @@ def test_a_base_may_say_what_the_file_leaves_out(model: Path, tmp_path: Path) ->
     with ModelEdit(model, tmp_path) as source:
         base = source.mission()["text"].replace('id="P"', 'id="P" isExecutable="false"').replace("&#13;&#10;", " &#10;")
         assert opened_file(source, base)
+
+
+def test_a_file_that_was_removed_is_written_again(edit: ModelEdit, model: Path) -> None:
+    base = opened_file(edit)
+    model.unlink()
+    assert edit.mission()["there"] is False
+    drawn(edit, OLD.replace('name="Count"', 'name="Number"'), base=base)
+    assert 'name="Number"' in model.read_text("utf-8")
+    assert edit.mission()["there"] is True
+
+
+def test_what_is_explored_ends_before_the_page_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = list[str]()
+
+    @contextmanager
+    def served(*_: object) -> Iterator[None]:
+        yield
+        ended.append("page")
+
+    monkeypatch.setattr("fame.cli.edit.load", lambda place: served)
+    with ExitStack() as stack:
+        _serve(SimpleNamespace(close=lambda: ended.append("explored")), stack, Namespace())  # type: ignore[arg-type]
+    assert ended == ["explored", "page"]
 
 
 def test_a_scenario_is_edited_by_its_model() -> None:

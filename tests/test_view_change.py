@@ -77,6 +77,14 @@ def test_robots_that_run_different_versions_show_the_code_that_is_new_to_each() 
     assert [(one.old_texts, robots) for one, robots in about.changes] == [(("n = 1",), ["A"]), (("n = 2",), ["B", "C"])]
 
 
+def test_a_robot_that_runs_something_and_has_no_pool_is_named() -> None:
+    runs = {"A": OLD, "B": OLD, "C": ""}
+    about = _Examination(dry=SimpleNamespace(robots={"A": None}))  # type: ignore[arg-type]
+    with ModelChange(lambda *_: None, runs.__getitem__, robots=lambda: runs) as change:
+        assert change._others(about) == ["B"]
+        assert change._others(_Examination()) == []
+
+
 def test_the_editor_has_the_page_below_its_own(team: Team, tmp_path: Path) -> None:
     (tmp_path / "m.bpmn").write_text(NEW)
     team.propose(NEW)

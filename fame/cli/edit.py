@@ -97,10 +97,16 @@ def run(arguments: Namespace) -> int:
         if arguments.team:
             _beside_team(source, served, arguments)
             return 0
-        served.enter_context(load(VIEW_SERVING)(source, arguments))
-        note(_STAYS)
+        _serve(source, served, arguments)
         threading.Event().wait()
     return 0
+
+
+def _serve(source: ModelEdit, served: ExitStack, arguments: Namespace) -> None:
+    """Serve the page. What it explores and runs ends before it does: an answer would be waited for."""
+    served.enter_context(load(VIEW_SERVING)(source, arguments))
+    served.callback(source.close)
+    note(_STAYS)
 
 
 def _beside_team(source: ModelEdit, served: ExitStack, arguments: Namespace) -> None:
@@ -114,8 +120,7 @@ def _beside_team(source: ModelEdit, served: ExitStack, arguments: Namespace) -> 
         view = TeamView(middleware, scheduler, key=key, who=person())
         view.allow_change(source.model, arguments.library)
         source.change = view.change
-        served.enter_context(load(VIEW_SERVING)(source, arguments))
-        note(_STAYS)
+        _serve(source, served, arguments)
         return view
 
     serve(arguments.middleware, arguments.network, build)

@@ -92,6 +92,7 @@ class ModelEdit(ModelWatch):
         self._bases = dict[str, _Base]()
         self._completers = dict[str, Completer]()
         self._robots: tuple[ScenarioFile | None, RobotTopics] = (None, {})
+        self._last = _NEW  # what the file had when a page opened or saved it
         self._drawn = (b"", b"")  # what was shown last: the file, and that with a diagram
         if self.model.suffix.lower() not in (".bpmn", ".xml"):
             raise ConfigError(f"expected MODEL.bpmn or SCENARIO.yaml, got {str(self.model)!r}", file=str(subject))
@@ -110,8 +111,9 @@ class ModelEdit(ModelWatch):
         super().close()
 
     def _content(self) -> bytes:
+        """What is in the file, or was before it was removed: then a save writes it again."""
         try:
-            return read_file(self.model) if self.model.exists() else _NEW
+            return read_file(self.model) if self.model.exists() else self._last
         except OSError as error:
             raise ConfigError(unreadable(error), file=str(self.model)) from None
 
@@ -141,6 +143,7 @@ class ModelEdit(ModelWatch):
             "title": self.model.name,
             "text": decoded(self._shown(content), str(self.model))[0],
             "hash": _hash(content),
+            "there": self.model.exists(),
             "modeler": "camunda-cloud" if cloud else "camunda-platform",
             "templates": [made for one in self._templates() for made in (of_camunda8(one) if cloud else [one])],
             "control": ["save", "check", "compare", "explore"],
@@ -150,7 +153,10 @@ class ModelEdit(ModelWatch):
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         version = self._version
-        return version, [] if known == version else [{"type": "file", "hash": _hash(self._content())}]
+        return version, [] if known == version else [self._file_news()]
+
+    def _file_news(self) -> Mapping[str, Any]:
+        return {"type": "file", "hash": _hash(self._content()), "there": self.model.exists()}
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         """``open``: say what the editor writes of the file. Then ``check`` what is drawn, ``explore`` it until the same
@@ -193,6 +199,7 @@ class ModelEdit(ModelWatch):
         if wrong := [one for one in found.changes if _is_new(one)]:
             text = f"the library reads {wrong[0].element.display_name} in another way than the file says it"
             raise FameError(f"{text}: nothing could be saved")
+        self._last = content
         return {"base": self._kept(base, _hash(content))}
 
     def _kept(self, base: str, hash: str) -> str:
@@ -267,7 +274,7 @@ class ModelEdit(ModelWatch):
                 write_file(self.model, new)
             except OSError as error:
                 raise FameError(f"{self.model}: cannot be written: {error.strerror}") from None
-        base = self._kept(command["new"], _hash(new))
+        self._last, base = new, self._kept(command["new"], _hash(new))
         return {"base": base, "hash": _hash(new), "text": decoded(new, str(self.model))[0]}
 
     def _compared(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:

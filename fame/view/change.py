@@ -8,7 +8,7 @@ explored. Only then it can be deployed, or what runs migrated: by a command with
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, TimeoutError as NoAnswer
 from hashlib import sha256
 from pathlib import Path
@@ -64,10 +64,11 @@ class ModelChange(ModelWatch):
         send: BeginDeployment,
         running: Callable[[str], str],
         *,
+        robots: Callable[[], Iterable[str]] = tuple,
         path: Path | None = None,
         library: Sequence[Path] = (),
     ) -> None:
-        self._send, self._running = send, running
+        self._send, self._running, self._team = send, running, robots
         self._about = _Examination()
         self._folder = TemporaryDirectory(prefix="fame-view-")
         super().__init__(path or Path(self._folder.name, "model.bpmn"), library, wait=True)
@@ -160,6 +161,7 @@ class ModelChange(ModelWatch):
             "asking": about.asking,
             "error": about.error,
             "robots": list(self._robots(about)),
+            "others": self._others(about),
             "changes": rows,
             "objection": self._objection(about),
             "explored": self._explored_json(about.exploration) if about.exploration is not None else None,
@@ -199,6 +201,11 @@ class ModelChange(ModelWatch):
             ]
             runs = foreseen.hash if foreseen is not None else ""
             yield {"robot": robot.robot, "state": robot.state, "reason": robot.reason, "runs": runs, "tokens": tokens}
+
+    def _others(self, about: _Examination) -> list[str]:
+        """The robots that run something, and for which the model has no pool."""
+        known = about.dry.robots if about.dry is not None else {}
+        return [robot for robot in self._team() if robot not in known and self._running(robot)] if known else []
 
     def _objection(self, about: _Examination) -> str:
         """Why what runs should not migrate, or nothing."""

@@ -86,7 +86,9 @@ class TeamView(PageSink, Closing):
 
     def allow_change(self, path: Path | None = None, library: Sequence[Path] = ()) -> None:
         """Let the page deploy models, and migrate what runs: one that is dropped on it, or the file at `path`."""
-        self.change = ModelChange(self._deploy, self._running, path=path, library=library)
+        self.change = ModelChange(
+            self._deploy, self._running, robots=lambda: sorted(self._recorder.team.models), path=path, library=library
+        )
 
     def close(self) -> None:
         """Close all endpoints."""

@@ -15,7 +15,8 @@ const COUNTS = { error: "failed", warning: "warning", note: "" };
 
 /**
  * @typedef {import("./explore.js").Finding} Finding
- * @typedef {{title: string, text: string, hash: string, modeler: string, templates: object[], team?: boolean}} Model
+ * @typedef {{title: string, text: string, hash: string, there: boolean}} File
+ * @typedef {File & {modeler: string, templates: object[], team?: boolean}} Model
  */
 
 /** @param {string} address */
@@ -32,7 +33,7 @@ class Edit {
   /** @type {any} */
   modeler = null;
   /** @type {Model} */
-  mission = { title: "", text: "", hash: "", modeler: "", templates: [] };
+  mission = { title: "", text: "", hash: "", there: true, modeler: "", templates: [] };
   base = ""; // what the library writes of the text that the file has
   begun = ""; // its name at the server, which keeps it with the hash of the file
   drawn = ""; // what it writes now
@@ -90,8 +91,10 @@ class Edit {
     await this.look();
   }
 
+  /** What the library writes, without the empty labels that it leaves behind when a change is undone. */
   async written() {
-    return (await this.modeler.saveXML({ format: true })).xml;
+    const { xml } = await this.modeler.saveXML({ format: true });
+    return xml.replace(/\n\s*<[\w:]*BPMNLabel \/>/g, "");
   }
 
   get dirty() {
@@ -146,10 +149,11 @@ class Edit {
       return count && h("span", { cls: `chip ${COUNTS[level]}` }, `${count} ${level}${count > 1 ? "s" : ""}`);
     }).filter(Boolean);
     if (!chips.length) chips.push(h("span", { cls: "chip completed" }, "no problems found"));
-    const state = this.gone || (this.dirty ? "not saved" : "saved");
+    const isSaved = !this.dirty && this.mission.there;
+    const state = this.gone || (isSaved ? "saved" : "not saved");
     const cls = `chip ${this.gone ? "failed" : ""}`;
     byId("chips").replaceChildren(h("span", { cls, id: "state" }, state), ...chips, ...this.exploring.chips());
-    /** @type {any} */ (byId("save")).disabled = !this.dirty;
+    /** @type {any} */ (byId("save")).disabled = isSaved;
   }
 
   list() {
@@ -202,7 +206,7 @@ class Edit {
     try {
       const { base, hash, text } = await this.ask("save");
       Object.assign(this, { base: drawn, begun: base, hash });
-      Object.assign(this.mission, { text });
+      Object.assign(this.mission, { text, there: true });
       this.chips();
     } catch (error) {
       this.say(messageOf(error));
@@ -214,8 +218,11 @@ class Edit {
   }
 
   /** What the server sends: the hash of the file, which somebody else may have changed. */
-  async news({ type, hash }) {
+  async news({ type, hash, there }) {
     if (type !== "file" || !this.ready) return;
+    if (this.mission.there && !there) this.say("The file has been removed: Save writes it again.");
+    this.mission.there = there;
+    this.chips();
     if (hash === this.hash) return void (byId("outside").hidden = true);
     await this.compare();
   }

@@ -114,6 +114,9 @@ export class Change {
       this.actions(),
       h("h2", null, "Robots"),
       data.robots.map((robot) => this.robot(robot)),
+      data.others.length
+        ? h("p", null, `The model has no pool for ${data.others.join(", ")}: what runs there goes on.`)
+        : null,
       data.asking ? h("p", { cls: "quiet" }, "Asking the robots …") : null,
       h("h2", null, "Differs from what they run"),
       this.changes(),
