@@ -70,11 +70,31 @@ class Grid:
 
 def from_message(message: AnyMessage) -> Grid:
     """Return the grid of a nav_msgs/msg/OccupancyGrid. Unknown cells, and those with a value of 50 or more, are
-    occupied."""
+    occupied. A map whose origin is turned (`yaw` in ROS's ``map.yaml``) is drawn anew along the axes of its frame."""
     info = message.info
     cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
-    position = info.origin.position
-    return Grid((cells < 0) | (cells >= OCCUPIED // 2), float(info.resolution), (position.x, position.y))
+    position, turn = info.origin.position, info.origin.orientation
+    grid = Grid((cells < 0) | (cells >= OCCUPIED // 2), float(info.resolution), (position.x, position.y))
+    yaw = 2 * math.atan2(turn.z, turn.w)
+    return _turned(grid, yaw) if abs(math.sin(yaw / 2)) > 1e-6 else grid
+
+
+def _turned(grid: Grid, yaw: float) -> Grid:
+    """The smallest grid along the axes around one that is turned by `yaw` (rad) about its origin.
+
+    What is outside of it is occupied, and so is each cell that touches an occupied one.
+    """
+    near = inflate(grid, 1.5 * grid.resolution).occupied  # all neighbours: a turned cell touches that of its centre
+    (rows, columns), cos, sin = near.shape, math.cos(yaw), math.sin(yaw)
+    corners = [(x * cos - y * sin, x * sin + y * cos) for x in (0, columns) for y in (0, rows)]
+    (left, right), (low, high) = ((math.floor(min(side)), math.ceil(max(side))) for side in zip(*corners, strict=True))
+    x, y = np.meshgrid(np.arange(left, right) + 0.5, np.arange(low, high) + 0.5)
+    column, row = (np.floor(part).astype(int) for part in (x * cos + y * sin, y * cos - x * sin))
+    within = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    occupied = np.ones(x.shape, dtype=np.bool_)
+    occupied[within] = near[row[within], column[within]]
+    x0, y0 = grid.origin
+    return Grid(occupied, grid.resolution, (x0 + left * grid.resolution, y0 + low * grid.resolution))
 
 
 def rasterise(bounds: tuple[float, float, float, float], shapes: Iterable[Outline], resolution: float) -> Grid:

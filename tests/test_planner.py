@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from grounds import ground
 
+from fame.middleware import messages
 from robots.planner import nearest_free, route
 from sim2d.grid import Grid, from_message, inflate, rasterise
 from sim2d.ground import Circle, box
@@ -57,6 +58,26 @@ def test_the_map_shows_obstacles_and_the_rim_but_no_target_and_no_robot():
     assert not occupied(1, 2)
     assert occupied(-0.01, 2)
     assert not occupied(0.01, 2)
+
+
+@pytest.mark.parametrize("yaw", [math.pi / 2, math.pi, -0.7])
+def test_a_turned_map_is_turned_about_its_origin(yaw):
+    cells = np.zeros((20, 30), dtype=np.int8)
+    cells[5, 10] = 100
+    turn = {"z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+    origin = {"position": {"x": 1.0, "y": 2.0}, "orientation": turn}
+    info = {"resolution": 0.1, "width": 30, "height": 20, "origin": origin}
+    grid = from_message(messages.create(MAP, {"info": info, "data": cells.ravel()}))
+
+    def occupied(x, y):
+        """At a place on the map as it was drawn."""
+        place = 1 + x * math.cos(yaw) - y * math.sin(yaw), 2 + x * math.sin(yaw) + y * math.cos(yaw)
+        return bool(grid.occupied[grid.cell(place)])
+
+    assert all(occupied(1.0 + x, 0.5 + y) for x in (0.01, 0.05, 0.09) for y in (0.01, 0.05, 0.09))
+    assert not any(occupied(x, y) for x, y in ((0.5, 0.5), (1.5, 0.5), (1.0, 1.0), (2.9, 1.9), (0.05, 1.9)))
+    if yaw == -0.7:
+        assert grid.occupied[0, 0]  # outside of the map
 
 
 @pytest.mark.parametrize("shape", [Circle((2.03, 1.51), 0.33), box((3, 2), 0.7, 0.4, 0.5)])
