@@ -57,6 +57,10 @@ DOUBTFUL_CALLS = {
     "use robot.random",
     "from secrets import choice\nx = choice([1, 2])": "secrets.choice() differs in each run, also with the same seed: "
     "use robot.random",
+    "from time import *\na = 1\nb = time()": "time.time() is the clock of the computer, not the time of the mission: "
+    "use robot.now",
+    "import time\nnow = time.time\nx = now()": "time.time() is the clock of the computer, not the time of the mission: "
+    "use robot.now",
     "import numpy as np\nx = float(np.random.default_rng().normal())": "numpy.random.default_rng() without a seed "
     "differs in each run: use robot.random, or give it a seed",
     "import random\nrandom.seed(a=None)": "random.seed() without a seed differs in each run: use robot.random, or give "

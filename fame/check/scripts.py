@@ -146,12 +146,20 @@ def _doubtful_calls(process: CheckedProcess, texts: Sequence[ExpressionUse]) -> 
     parsed = [(text, syntax_tree(text.expression, script=text.use == "script")) for text in texts]
     trees = [(text, tree) for text, tree in parsed if tree is not None]
     imported = {name: path for text, _ in trees for name, path in text.effects.imports.items()}
-    for text, tree in trees if imported else ():
+    star = imported.pop("*", "*").removesuffix("*")  # of `from time import *`; of `eval` there is no path
+
+    def path_of(node: ast.AST) -> str:
+        root, dot, rest = _dotted(node).partition(".")
+        return imported.get(root, star and star + root) + dot + rest
+
+    for assigned in [node for _, tree in trees for node in ast.walk(tree) if isinstance(node, ast.Assign)]:
+        if (path := path_of(assigned.value)) in (*_DOUBTFUL_CALLS, *_SEEDED):  # now = time.time
+            imported |= {target.id: path for target in assigned.targets if isinstance(target, ast.Name)}
+    for text, tree in trees if imported or star else ():
         for node in ast.walk(tree):
             if not isinstance(node, ast.Call):
                 continue
-            root, dot, rest = _dotted(node.func).partition(".")
-            path = imported.get(root, "") + dot + rest
+            path = path_of(node.func)
             problem = _DOUBTFUL_CALLS.get(path) or _DOUBTFUL_CALLS.get(path.partition(".")[0])
             given = [*node.args, *(keyword.value for keyword in node.keywords)]
             if path in _SEEDED and all(isinstance(one, ast.Constant) and one.value is None for one in given):
