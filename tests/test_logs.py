@@ -267,6 +267,16 @@ def test_what_has_not_ended_with_the_log_is_waiting(tmp_path: Path) -> None:
     assert came["look"] == {"waiting": 1}
 
 
+@pytest.mark.parametrize("ending", ["jsonl", "csv"])
+def test_a_log_that_ends_without_the_end_of_its_run_says_so(ending: str, tmp_path: Path) -> None:
+    path, definitions = tmp_path / f"run.{ending}", read_text(SMALL, file="patrol.bpmn")
+    unknown = "the recording is incomplete: how the run went on is not known"
+    logged(path)
+    assert unknown not in run_outcomes(path, definitions).notes(definitions)
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:5]))
+    assert run_outcomes(path, definitions).notes(definitions)[-1] == unknown
+
+
 def test_a_task_that_raises_an_error_has_failed(tmp_path: Path) -> None:
     text = SMALL.replace("await sleep(1.5)", "1 / 0")
     definitions = read_text(text, file="patrol.bpmn")

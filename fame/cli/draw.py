@@ -101,11 +101,10 @@ def _draw_model(arguments: Namespace) -> None:
         from fame.log.reading import damage, run_outcomes
 
         run = run_outcomes(arguments.log, definitions, robots=arguments.robot)
-        notes = run.notes(definitions)
-        for warning in damage(arguments.log):
+        lacks = f"{arguments.log}: does not say how the run ended: how it went on is not known"
+        for warning in damage(arguments.log) or [lacks] * run.cut:
             note(f"fame: {warning}")
-            notes.append("the recording is incomplete: how the run went on is not known")
-        drawing = draw(definitions, run.tallies, notes=notes)
+        drawing = draw(definitions, run.tallies, notes=run.notes(definitions))
     elif arguments.robot:
         raise ConfigError("--robot needs --log")
     else:

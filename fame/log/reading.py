@@ -9,6 +9,7 @@ import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -18,6 +19,7 @@ from fame.dataclasses import dataclass, field
 from fame.errors import ConfigError, display_name
 from fame.log.elements import element_info
 from fame.log.recording import Recording
+from fame.robot.events import ENDED
 from fame.robot.robot_state import outcomes_of
 from fame.text import open_file, suggestion, unreadable, wrong_ending
 
@@ -35,6 +37,7 @@ class RunOutcomes:
 
     `failures`: second, robot, element and error code of each instance that failed, by the error that nothing caught.
     `violations`: second, robot, element and text of each property that an event there, or silence after it, violated.
+    `cut`: how the run went on is not known: the log is incomplete, or ends without the end of the run or an instance.
     """
 
     tallies: dict[str, Counter[ElementOutcome]]
@@ -43,6 +46,7 @@ class RunOutcomes:
     end: float
     failures: Sequence[tuple[float, str, str, str]]
     violations: Sequence[tuple[float, str, str, str]] = ()
+    cut: bool = False
 
     def notes(self, definitions: Definitions) -> list[str]:
         """Return the notes below a drawing: robots of the path, duration, failures."""
@@ -52,7 +56,8 @@ class RunOutcomes:
             info = names.get(element)
             shown = display_name(element, info.name if info is not None else "")
             lines.append(f"{robot} failed at {second:.1f} s: {shown}" + (f": {code}" if code else ""))
-        return [*lines, *(text for _, _, _, text in self.violations)]
+        lines += [text for _, _, _, text in self.violations]
+        return [*lines, "the recording is incomplete: how the run went on is not known"] if self.cut else lines
 
 
 def visits(path: str | Path) -> Counter[str]:
@@ -83,8 +88,10 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
     seconds: list[float] = []
     violations: list[tuple[float, str, str, str]] = []
     row: _Row = {}
+    ended = False
     with rows_of(path) as rows:
         for row in rows:
+            ended |= row["what"] == ENDED
             text = str(row.get("detail") or "")
             if row["what"] == "report" and text.startswith("property ") and " is violated: " in text:
                 violations.append((float(row["time"]), str(row.get("robot", "")), row["element"], text))
@@ -120,6 +127,7 @@ def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collecti
         end=seconds[-1] if seconds else 0.0,
         failures=[(second, robot, element, code) for robot, (second, element, code) in failed],
         violations=violations,
+        cut=bool(damage(Path(path))) or (not ended and not all(instance.ended for instance in chosen.values())),
     )
 
 
@@ -193,7 +201,8 @@ def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
     path = Path(path)
     if path.suffix.lower() == ".mcap":
         with Recording(path) as recording:
-            yield ({**event._asdict(), "time": event.time / SECOND} for event in recording.events())
+            end = [recording.ended] if recording.ended is not None else []
+            yield ({**event._asdict(), "time": event.time / SECOND} for event in chain(recording.events(), end))
         return
     rows = _ROWS.get(path.suffix.lower())
     if rows is None:
