@@ -233,11 +233,12 @@ def _with_mission(plan: Plan, mission: drawn.Mission, chance: random.Random) -> 
     if chance.random() < 0.4:  # a network that is bad all the time
         bad = {"delay": chance.choice((0.2, 0.6, 2.0)), "twice": 0.5, "loss": 0.3}
         steps += [Step(0.0, kind, "", [bad[kind], heal]) for kind in chance.sample(sorted(bad), 2)]
-    steps += _moments(random.Random(f"moments {plan.seed}"), mission, begun)
+    migrations = [step.time for step in steps if step.kind == "migrate"]
+    steps += _moments(random.Random(f"moments {plan.seed}"), mission, begun, migrations)
     return Plan(plan.seed, _sorted(step for step in steps if step.time < heal), heal, mission)
 
 
-def _moments(chance: random.Random, mission: drawn.Mission, begun: float) -> list[Step]:
+def _moments(chance: random.Random, mission: drawn.Mission, begun: float, migrations: Sequence[float]) -> list[Step]:
     """Crashes where it matters most: when a robot has come to some element, or has promised, and again once it is back.
 
     Numbers of its own, so that no other draw has changed since there is more to draw.
@@ -262,6 +263,12 @@ def _moments(chance: random.Random, mission: drawn.Mission, begun: float) -> lis
     if chance.random() < 0.15:
         robot, moment = chance.choice(names), chance.choice(("at tell", "at go", "effect"))
         steps.append(Step(soon, "full", robot, [chance.randrange(2000), 2.0], f"{robot} {moment}"))
+    if migrations and chance.random() < 0.5:  # people move tokens that a robot has promised to migrate
+        robot, time = chance.choice(names), min(migrations)
+        on = f"{robot} promises"
+        steps.append(Step(time, "stop sender", "", _rounded(chance.uniform(1.5, 3.5)), on))
+        for act in chance.choices(("move", "skip", "complete", "retry"), k=3):
+            steps.append(Step(time, "act", robot, [act, chance.randrange(100), 0.0], on))
     return steps
 
 

@@ -50,6 +50,8 @@ from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
 from .processes import WRITING, EndlessRunError, Machine, Process, Timeline
 from .states import Witness, stored
 
+_AT_ANY_TIME = ("refused", "suspended", "noted")
+"""What a robot answers to a person's request although it has promised to start something else."""
 AT_ONCE = 2_000
 """How many events the missions of a team have at one instant at most."""
 SEND_GOAL = "/go/_action/send_goal"
@@ -717,7 +719,7 @@ class Team:
 
     def _listen(self, robot: Robot, engine: EngineNode, process: Process) -> None:
         """Note every answer that an engine gives."""
-        publish, asked = engine.status.publish, set[str]()
+        publish, asked, promised = engine.status.publish, set[str](), dict[str, float]()
         robot.witness.watch(engine)
 
         def published(answer: str = "", deployment: str = "", reason: str = "", *rest: Any, **more: Any) -> None:
@@ -728,10 +730,20 @@ class Team:
                 if answer not in ("asking", "unknown") or text not in asked:  # they are said each second
                     self.note(text)
                     asked.add(text)
+                late = said.time > min(promised.values(), default=math.inf) + 2 * robot.machine.slowest
+                late = late and deployment.startswith("person") and answer not in _AT_ANY_TIME  # else just written
+                if late and not any((one.robot, one.deployment) == (robot.name, deployment) for one in self.said):
+                    self.problems.append(f"{robot.name} has {answer} for {deployment}, to start {min(promised)}")
+                if answer == "ready":
+                    promised.setdefault(deployment, said.time)
+                elif answer != "asking":
+                    promised.pop(deployment, None)
                 self.said.append(said)
                 robot.excuses += [(said.time, "cancel")] * (answer in ("ready", "started", "refused", "aborted"))
             publish(answer, deployment, reason, *rest, **more)
             self._on_moment(f"{robot.name} {answer}")
+            if answer == "ready" and engine.running is not None:
+                self._on_moment(f"{robot.name} promises")
 
         engine.status.publish = published  # type: ignore[method-assign]
 
