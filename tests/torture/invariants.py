@@ -468,11 +468,13 @@ def repairs(team: Team) -> Iterator[str]:
     """What a person asks for is done once, however often it is asked: a robot gives one answer to each request.
 
     Nor is it done if the person is told that it is refused. A robot without a directory forgets with its process; one
-    that says that its state cannot be written, what it has answered since.
+    that says that its state cannot be written, what it has answered since. One without memory refuses what it cannot
+    look up, also if it was done before: that is open.
     """
     answers: dict[tuple[str, str], set[str]] = {}
     for said in team.said:
-        if said.deployment.startswith("person") and said.reason != ANOTHER_RUN:  # it is asked again
+        asked_again = said.reason == ANOTHER_RUN or said.reason.startswith("no memory is left")
+        if said.deployment.startswith("person") and not asked_again:
             robot = team.robots[said.robot]
             keeps = robot.durable and not robot.spoilt and "it is lost in a crash" not in said.reason
             answers.setdefault((said.robot if keeps else said.process, said.deployment), set()).add(said.answer)
