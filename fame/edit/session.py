@@ -86,7 +86,7 @@ class ModelEdit(ModelWatch):
     """Bases that are kept; of more the oldest are forgotten."""
 
     def __init__(self, subject: Path, modeler: Path, library: Sequence[Path] = (), types: Sequence[Path] = ()) -> None:
-        self.model = model_of(subject)
+        self.model: Path = model_of(subject)
         self._modeler, self._types = modeler, tuple(types)
         self._lock = threading.Lock()
         self._bases = dict[str, _Base]()
@@ -100,7 +100,7 @@ class ModelEdit(ModelWatch):
             raise ConfigError("cannot be written: there is no such folder", file=str(self.model.parent))
         parse(self._content(), str(self.model))
         self._explorer = Explorer(subject, self.model, library, types)
-        self.run = EditedRun(subject, library)
+        self.run: EditedRun = EditedRun(subject, library)
         self.change: ModelChange | None = None  # what a team would change, if there is one
         super().__init__(subject, library, wait=not self.model.exists())
 

@@ -57,8 +57,9 @@ class RoutingGrid:
 
     def __init__(self, obstacles: Sequence[Obstacle], room: Bounds, points: Collection[Point]) -> None:
         boxes = [one.bounds for one in obstacles]
-        self.xs = _lines([(box.x, box.width) for box in boxes], [x for x, _ in points], room.x, room.width)
-        self.ys = _lines([(box.y, box.height) for box in boxes], [y for _, y in points], room.y, room.height)
+        self.xs: list[float] = _lines([(box.x, box.width) for box in boxes], [x for x, _ in points], room.x, room.width)
+        heights = [(box.y, box.height) for box in boxes]
+        self.ys: list[float] = _lines(heights, [y for _, y in points], room.y, room.height)
         self._blocked: tuple[_Cells, _Cells] = defaultdict(list), defaultdict(list)
         self._covered: tuple[_Routes, _Routes] = defaultdict(list), defaultdict(list)
         self._crossed: tuple[_Routes, _Routes] = defaultdict(list), defaultdict(list)

@@ -98,7 +98,7 @@ class StandInHost(ExplorationHost):
         process = abstract.process(definitions, pool.process)
         program = compile_program(process, host=host, library=abstract.find, file=definitions.file, observed=True)
         catches = [node.catch.topic for node in program.nodes if node.catch is not None]
-        self.own_topics = frozenset(topic for topic in catches if topic)
+        self.own_topics: frozenset[str] = frozenset(topic for topic in catches if topic)
         engine = _HeldEngine(program, host, self.new_variables)
         engine.twins, self.engine = self.twins, engine
         self.node.attach(engine)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Literal
@@ -326,7 +326,7 @@ def in_joint_order(recording: Recording, joints: Sequence[str]) -> Recording:
     raise ConfigError(text, file=recording.source)
 
 
-made_up = re.compile(r"joint_\d+").fullmatch
+made_up: Callable[[str], object] = re.compile(r"joint_\d+").fullmatch
 """Whether a name was made up for a column of a headerless file."""
 
 

@@ -84,7 +84,7 @@ class ElementFollower:
 
     def __init__(self) -> None:
         self.changes: ActiveElements = ()
-        self.lost = -np.inf
+        self.lost: float = -np.inf
         self._state: RobotState | None = None
         self._batch = 0
 

@@ -167,19 +167,24 @@ class _Stream:
     def __init__(self, ports: list[Port]) -> None:
         self.ports = ports
         self.reads: list[Read] = [reader(port.type, port.path) for port in ports]
-        self.stamped = has_stamp(ports[0].type)
+        self.stamped: bool = has_stamp(ports[0].type)
         self.topic = ""
         self.silence: SilenceWatch
         self.stamps: list[float] = []
         self.values: list[list[Any]] = [[] for _ in ports]
         self.names: list[tuple[str, ...]] = [() for _ in ports]  # of the channels
         self.forget()
-        self.last, self.begin, self.quickest = -np.inf, -np.inf, np.inf
+        self.last: float = -np.inf
+        self.begin: float = -np.inf
+        self.quickest: float = np.inf
         self.count = self.counted = self.left_out = self.others = self.unwanted = 0
-        self.reason, self.arrived, self.taken = "", (np.inf, -np.inf), (np.inf, -np.inf)
+        self.reason = ""
+        self.arrived: tuple[float, float] = (np.inf, -np.inf)
+        self.taken: tuple[float, float] = (np.inf, -np.inf)
         self.wrong_rate = ""  # how the rate differs from the expected one
         self.latest: list[Any] = []  # the values of the last message that was taken
-        self.older, self.back = 0, 0.0  # messages of earlier stamps since then, and how much (s) earlier
+        self.older: int = 0  # messages of earlier stamps since then
+        self.back: float = 0.0  # how much earlier (s)
 
     def forget(self) -> None:
         """Forget what the messages were like so far: none of them was taken."""
