@@ -395,8 +395,9 @@ def _edited(steps: Sequence[Step], edits: Mapping[int, Step]) -> Iterator[Step]:
         match edits.get(number):
             case ["removed"]:
                 continue
-            case ["wrapped"]:
-                step = ["sub", 1000 + number, [step]]
+            case ["wrapped"]:  # a queue of a scope that begins later would miss what is told before
+                hears = any(inner[0] in ("hear", "serve") for inner in walk([step]))
+                step = step if hears else ["sub", 1000 + number, [step]]
             case ["before", other]:
                 yield [other, 1000 + number]
             case ["bare"]:  # without its handler
