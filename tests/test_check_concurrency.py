@@ -59,6 +59,38 @@ WARNINGS = {
 }  # fmt: skip
 
 
+FORM = '<camunda:formData><camunda:formField id="y" type="long"/></camunda:formData>'
+OUTPUT = '<camunda:inputOutput><camunda:outputParameter name="y">${z}</camunda:outputParameter></camunda:inputOutput>'
+CALLED_AT_ONCE = forked(going("a"), going("b"))
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        script("for y in range(3): pass"),
+        f'<userTask id="i"><extensionElements>{FORM}</extensionElements></userTask>',
+        f'<userTask id="i"><extensionElements>{OUTPUT}</extensionElements></userTask>',
+        '<scriptTask id="i" scriptFormat="juel" camunda:resultVariable="y"><script>${z}</script></scriptTask>',
+    ],
+)
+def test_whatever_sets_a_variable_of_two_calls_at_once_counts(step: str) -> None:
+    callee = row(step.replace('"t"', '"i"'), PAUSE, script("print(y)", "k"), mark="q")
+    assert found(CALLED_AT_ONCE, callee) == [AT_ONCE.replace("x_goal", "y")]
+
+
+@pytest.mark.parametrize(
+    ("content", "warns"),
+    [
+        (CALLED_AT_ONCE.replace("parallelGateway", "inclusiveGateway"), True),
+        (going("a") + going("b"), True),  # without a start event
+        (row(f'<adHocSubProcess id="h">{going("a")}{going("b")}</adHocSubProcess>'), True),
+        (row(f'<adHocSubProcess id="h" ordering="Sequential">{going("a")}{going("b")}</adHocSubProcess>'), False),
+    ],
+)
+def test_all_ways_to_be_in_progress_at_the_same_time_count(content: str, warns: bool) -> None:
+    assert found(content, SETS) == [AT_ONCE] * warns
+
+
 SETS = Q.replace("print(x_goal)", "x_goal = 1\nawait sleep(1)\nprint(x_goal)")
 
 

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from functools import cache, partial
 from itertools import combinations, product
 
-from fame.bpmn.model import Activity, Body, Event, Expression, FlowNode, MultiInstance, SubProcess
+from fame.bpmn.model import Activity, Body, Event, Expression, FlowNode, Gateway, MultiInstance, SubProcess, Task
 from fame.check.control_flow import forks
 from fame.check.expressions import expressions_in
 from fame.check.graph import FlowGraph, graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.check.variables import assigned_objects, sets_something, sharing
 from fame.dataclasses import dataclass, field
-from fame.scripting.effects import script_effects
+from fame.scripting.effects import effects_of, script_effects
 from fame.scripting.python_effects import syntax_tree
 
 _SHOWN = 3
@@ -63,15 +63,18 @@ def check_shared_variables(scope: CheckScope) -> Iterator[Finding]:
     for process in scope.processes:
         calls = {call.id for call, callee in process.calls if callee is not None and call.io is None}
         use = cache(partial(_use, process))
+        one_by_one = {id(node.body) for node in process.nodes() if isinstance(node, SubProcess) and node.sequential}
         for graph in map(graph_of, process.bodies()):
             if calls:
-                yield from _pairs_in(process, graph, calls, use)
+                yield from _pairs_in(process, graph, calls, use, id(graph.body) in one_by_one)
             yield from _instances_in(process, graph, calls, use)
 
 
-def _pairs_in(process: CheckedProcess, graph: FlowGraph, sharing: Set[str], use: _UseOf) -> Iterator[Finding]:
+def _pairs_in(
+    process: CheckedProcess, graph: FlowGraph, sharing: Set[str], use: _UseOf, sequential: bool
+) -> Iterator[Finding]:
     reported = set[str]()
-    for one, other in _pairs(graph):
+    for one, other in _pairs(graph, sequential):
         for call, later in product(_calls(graph.nodes[one], sharing), _calls(graph.nodes[other], sharing)):
             names = use(call.id).clashes(use(later.id)) | use(later.id).clashes(use(call.id))
             if names and later.id not in reported:
@@ -113,21 +116,27 @@ def _calls(node: FlowNode, sharing: Set[str]) -> Iterator[FlowNode]:
 # ---- what may be in progress at the same time ------------------------------------------------------------------------
 
 
-def _pairs(graph: FlowGraph) -> Iterator[tuple[str, str]]:
-    """Yield the nodes of which tokens may be at both at the same time, in the order of the file."""
+def _pairs(graph: FlowGraph, sequential: bool) -> Iterator[tuple[str, str]]:
+    """Yield the nodes of which tokens may be at both at the same time, in the order of the file.
+
+    `sequential`: of an ad-hoc sub-process that does one after the other.
+    """
     place = {node.id: number for number, node in enumerate(graph.body.nodes)}
     pairs = dict[tuple[str, str], None]()
-    for branch, other in _branches(graph):
+    for branch, other in _branches(graph, sequential):
         for pair in ((a, b) for a in branch - other for b in other - branch):
             pairs[min(pair, key=place.__getitem__), max(pair, key=place.__getitem__)] = None
     yield from sorted(pairs, key=lambda pair: (place[pair[0]], place[pair[1]]))
 
 
-def _branches(graph: FlowGraph) -> Iterator[tuple[set[str], set[str]]]:
+def _branches(graph: FlowGraph, sequential: bool) -> Iterator[tuple[set[str], set[str]]]:
     """Yield two sets of nodes at which tokens may be at the same time, but for those that are in both."""
+    if not graph.starts() and not sequential:
+        yield from combinations([graph.reach([node.id], set()) for node in graph.beginnings()], 2)
     for node in graph.body.nodes:
         ways = [graph.flows[flow].target for flow in node.outgoing]
-        if len(ways) > 1 and forks(graph, node):
+        inclusive = isinstance(node, Gateway) and node.kind == "inclusive"
+        if len(ways) > 1 and (inclusive or forks(graph, node)):
             yield from combinations([graph.reach([way], {node.id}) for way in ways], 2)
         if isinstance(node, Event) and node.place == "boundary" and not node.interrupting:
             host = graph.nodes[node.attached_to]
@@ -166,14 +175,29 @@ def _note(use: _CallUse, body: Body, assigned: Set[str]) -> None:
     """Add what the elements of a body do."""
     _note_objects(use.anew, body, assigned)
     for node in body.nodes:
-        for name in {item.target for item in (*node.copies_in, *node.copies_out)}:
-            use.anew[name].add("")
+        for name, value in _results(node):
+            use.anew[name].add(value)
     for text in expressions_in(body):
         script = text.use == "script"
         for name in _anew(text.expression, text.reads, text.effects.sets) if script else ():
             use.anew[name].add("")
         suspends = script and "await" in text.expression.text
         use.kept |= text.reads if suspends else text.reads - text.effects.sets
+
+
+def _results(node: FlowNode) -> Iterator[tuple[str, str]]:
+    """The variables that an element sets around it, but by a script or a caught message; with constants."""
+    for item in node.io.outputs if node.io is not None else ():
+        reads = effects_of(item.source).reads
+        if item.target not in reads:
+            yield item.target, "" if reads else item.source.text.strip()
+    others = [item.target for item in (*node.copies_in, *node.copies_out)]
+    if isinstance(node, Task):
+        others += [node.result_variable, *(field.key.partition(".")[0] for field in node.human.form)]
+    elif isinstance(node, Event):
+        others += [name for definition in node.definitions for name in definition.sets()]
+    others += [node.loop.output_collection] if isinstance(node.loop, MultiInstance) else []
+    yield from ((name, "") for name in others if name)
 
 
 def _note_objects(noted: dict[str, set[str]], body: Body, assigned: Set[str]) -> None:
@@ -190,11 +214,27 @@ def _anew(script: Expression, reads: Set[str], writes: Set[str]) -> Set[str]:
         return writes - reads
     anew = set[str]()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Assign | ast.AnnAssign | ast.NamedExpr) and node.value is not None:
-            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            used = {name.id for name in ast.walk(node.value) if isinstance(name, ast.Name)}
-            anew |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)} - used
+        targets, value = _assigned(node)
+        used = {name.id for name in ast.walk(value) if isinstance(name, ast.Name)} if value is not None else set()
+        anew |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)} - used
     return anew & writes
+
+
+def _assigned(node: ast.AST) -> tuple[Sequence[ast.expr], ast.expr | None]:
+    """The targets of a statement that sets variables, and where their values come from."""
+    match node:
+        case ast.Assign(targets=targets, value=value):
+            return targets, value
+        case ast.AnnAssign(target=target, value=value) if value is not None:
+            return [target], value
+        case ast.NamedExpr(target=target, value=value) | ast.For(target=target, iter=value):
+            return [target], value
+        case (
+            ast.AsyncFor(target=target, iter=value)
+            | ast.withitem(optional_vars=ast.expr() as target, context_expr=value)
+        ):
+            return [target], value
+    return (), None
 
 
 def _sets(node: FlowNode, sharing: Set[str], use: _UseOf) -> Set[str]:
