@@ -388,6 +388,15 @@ def test_a_single_fault_that_leaves_another_robot_waiting() -> None:
     assert "forever" in outcomes["/done to REX is lost"]
 
 
+def test_an_engine_may_die_before_a_message_starts_its_mission() -> None:
+    """The mission is over in the instant in which it starts: an engine that dies in it alone never dies."""
+    result = found({"A": ["work", "throw ask", "catch reply"], "B": ["start ask", "throw reply"]}, faults=True)
+    outcomes = {
+        outcome for search in result.searches for name, _, outcome in search.faults if name == "B's engine dies"
+    }
+    assert any("A waits" in outcome for outcome in outcomes)
+
+
 def test_faults_without_a_number_of_their_own_are_left_out_and_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     steps = {"A": ["work", "throw go", "work"], "B": ["catch go", "work"]}
     told = [outcome for search in found(steps, delivery="run", faults=True).searches for outcome in search.faults]

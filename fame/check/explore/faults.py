@@ -49,7 +49,8 @@ class Faults:
             elif move.stimulus[0] == "hear":
                 transitions += self._loss(state, robot, move)
         for robot, old in enumerate(product.locals_of(state)):
-            if product.locals[robot].views[old].instances:
+            view = product.locals[robot].views[old]
+            if view.instances or view.own or view.hears:  # it runs, or may still start
                 died = Move(robot, old, Successor(DEAD, (), (), False), 0, ("die", None, None))
                 fault = self._happens(("engine", product.robots[robot]))
                 transitions.append((state + died.difference + fault, robot, died, ()))
