@@ -63,7 +63,7 @@ class Nav2:
                 ("dock_robot", "DockRobot", self._dock, lambda goal: goal.use_dock_id or _in_map([goal.dock_pose])),
                 ("undock_robot", "UndockRobot", self._undock, lambda goal: True),
                 ("spin", "Spin", self._spin_goal, lambda goal: math.isfinite(goal.target_yaw)),
-                ("backup", "BackUp", self._back_up_goal, lambda goal: True),
+                ("backup", "BackUp", self._back_up_goal, lambda goal: math.isfinite(goal.target.x + goal.speed)),
                 ("wait", "Wait", self._wait_goal, lambda goal: True),
             )
         ]
@@ -163,9 +163,8 @@ class Nav2:
 
     def _back_up_goal(self, goal: ServerGoal) -> None:
         gone, message = [0.0], goal.message
-        maneuver = self._robot.back_up(
-            abs(message.target.x), abs(message.speed), _seconds(message.time_allowance), gone
-        )
+        speed = 0.0 if message.target.y or message.target.z else abs(message.speed)  # it moves in x only
+        maneuver = self._robot.back_up(abs(message.target.x), speed, _seconds(message.time_allowance), gone)
         elapsed = lambda code: {"total_elapsed_time": self._elapsed()}  # noqa: E731
         self._begin(goal, maneuver, lambda: {"distance_traveled": gone[0]}, elapsed)
 
@@ -219,11 +218,12 @@ _TEXTS = {
     nav.SPIN_TIMEOUT: "the time allowance is over",
     nav.BACKUP_TIMEOUT: "the time allowance is over",
     nav.COLLISION: "collision ahead",
-    nav.INVALID_INPUT: "expected a speed other than 0",
+    nav.INVALID_INPUT: "expected a speed other than 0, and a target in x alone",
     nav.UNKNOWN_DOCK: "the dock is not in the database",
     nav.NO_STAGING: "failed to reach the staging pose",
     nav.NO_CONTROL: "failed to drive into or out of the dock",
     nav.NO_CHARGE: "the battery is not charging",
     nav.NOT_DOCKED: "the robot is not docked",
     nav.WAYPOINT_FAILED: "no waypoint was reached",
+    nav.NO_WAYPOINTS: "no waypoints given",
 }

@@ -25,6 +25,7 @@ from sim2d.robot import Pose
 NO_PATH, GOAL_OCCUPIED, GOAL_OUTSIDE, NO_PROGRESS, NO_POSES = 208, 206, 204, 105, 309
 SPIN_TIMEOUT, BACKUP_TIMEOUT, COLLISION, INVALID_INPUT = 701, 711, 714, 713
 UNKNOWN_DOCK, NOT_DOCKED, NO_STAGING, NO_CONTROL, NO_CHARGE, WAYPOINT_FAILED = 901, 902, 903, 905, 906, 600
+NO_WAYPOINTS = 602
 _REPLAN = 1.0
 """s between two plans."""
 _MEMORY = 6.0
@@ -124,14 +125,17 @@ class Navigator:
         return 0
 
     def follow(self, goal: AnyMessage, missed: list[dict[str, Any]], at: list[int]) -> Maneuver:
-        """Go to each waypoint in turn, and continue after one that cannot be reached."""
-        for _ in range(goal.number_of_loops + 1):
-            for index in range(goal.goal_index, len(goal.poses)):
-                at[0], self.recoveries = index, 0
-                code = yield from self._go_to(goal_pose(goal.poses[index]))
-                if code:
-                    missed.append({"index": index, "goal": goal.poses[index], "error_code": code})
-        return WAYPOINT_FAILED if missed and len(missed) == len(goal.poses) else 0
+        """Go to each waypoint in turn, and continue after one that cannot be reached. A further loop begins with the
+        first."""
+        first, count = goal.goal_index, len(goal.poses)
+        if first >= count:
+            return NO_WAYPOINTS
+        for index in (number % count for number in range(first, count * (goal.number_of_loops + 1))):
+            at[0], self.recoveries = index, 0
+            code = yield from self._go_to(goal_pose(goal.poses[index]))
+            if code:
+                missed.append({"index": index, "goal": goal.poses[index], "error_code": code})
+        return WAYPOINT_FAILED if len(missed) == count * (goal.number_of_loops + 1) - first else 0
 
     def _go_to(self, goal: Pose, *, turn: bool = True) -> Maneuver:
         """Plan and follow paths to a pose, with recoveries."""
@@ -228,12 +232,19 @@ class Navigator:
                 return BACKUP_TIMEOUT
             assert self.pose is not None
             behind = self.pose.ahead(-self.limits.radius - 0.1)
-            if stalled > 20 or (self.ground is not None and self.ground.occupied[self.ground.cell(behind)]):
+            if stalled > 20 or self._is_solid(behind):
                 return COLLISION
             yield Velocity(-min(speed, self.limits.speed))
             stalled = stalled + 1 if math.dist(start, self.here) <= gone[0] + 1e-3 else 0
             gone[0] = max(gone[0], math.dist(start, self.here))
         return 0
+
+    def _is_solid(self, place: Point) -> bool:
+        """Whether the map has an obstacle at a place. What is outside of the map is not known to be free."""
+        if self.ground is None:
+            return False
+        cell = self.ground.cell(place)
+        return not self.ground.has(*cell) or bool(self.ground.occupied[cell])
 
     def wait(self, seconds: float) -> Maneuver:
         until = self.scheduler.now + round(seconds * SECOND)

@@ -1,14 +1,20 @@
 """Nav2 in the simulated world: the action servers of a robot with `navigation: nav2`."""
 
 import math
+from itertools import groupby
 from typing import Any
 
+import numpy as np
 import pytest
 from grounds import ground
 
 from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.middleware.actions import ActionClient
+from robots.navigation import Limits, Navigator
+from robots.planner import PlannerParameters
+from sim2d.grid import Grid
+from sim2d.robot import Pose
 
 WALL = {"name": "wall", "at": [3, 1.2], "size": [0.2, 2.4]}
 
@@ -91,6 +97,36 @@ def test_it_follows_waypoints_and_names_the_missed_ones() -> None:
 def test_goals_that_cannot_be_reached_end_with_nav2_s_codes(goal: Any, end: tuple[str, int | None]) -> None:
     outcome, result = Robot(obstacles=[WALL]).act("navigate_to_pose", "NavigateToPose", pose=goal)
     assert (outcome, result and result.error_code) == end
+
+
+def test_of_several_loops_only_the_first_begins_with_a_later_waypoint() -> None:
+    poses = [pose(1, 1), pose(50, 1)]
+    outcome, result = Robot().act("follow_waypoints", "FollowWaypoints", poses=poses, number_of_loops=1)
+    assert (outcome, result.error_code, [one.index for one in result.missed_waypoints]) == ("succeeded", 0, [1, 1])
+    robot = Robot()
+    outcome, result = robot.act("follow_waypoints", "FollowWaypoints", poses=poses, goal_index=1)
+    assert (outcome, result.error_code, result.error_msg) == ("aborted", 600, "no waypoint was reached")
+    poses[1] = pose(1.5, 1)
+    assert robot.act("follow_waypoints", "FollowWaypoints", poses=poses, goal_index=1, number_of_loops=1)[1] is not None
+    assert [index for index, _ in groupby(robot.feedback, lambda said: said.current_waypoint)][-3:] == [1, 0, 1]
+
+
+@pytest.mark.parametrize("goal", [{"poses": []}, {"poses": [pose(1, 1)], "goal_index": 1}])
+def test_no_waypoint_is_no_success(goal: dict[str, Any]) -> None:
+    outcome, result = Robot().act("follow_waypoints", "FollowWaypoints", **goal)
+    assert (outcome, result.error_code, result.error_msg) == ("aborted", 602, "no waypoints given")
+
+
+def test_it_backs_up_only_as_far_as_it_is_told_and_knows_the_ground() -> None:
+    robot = Robot()
+    for goal in ({"target": {"x": math.nan}, "speed": 0.1}, {"target": {"x": 1.0}, "speed": math.inf}):
+        assert robot.act("backup", "BackUp", **goal)[0] == "rejected"
+    outcome, result = robot.act("backup", "BackUp", target={"y": 1.0}, speed=0.1)
+    assert (outcome, result.error_code) == ("aborted", 713)
+    navigator = Navigator(robot.ground.scheduler, PlannerParameters(), Limits(0.5, 1.0, 1.0, 0.3, 0.2), {})
+    navigator.ground = Grid(np.zeros((10, 10), dtype=np.bool_), 0.1, (0.0, 0.0))
+    for navigator.pose in (Pose(0.2, 0.5, 0.0), Pose(0.8, 0.5, math.pi)):
+        assert list(navigator.back_up(1.0, 0.1, 0.0, [0.0])) == []  # at once: what is behind it is not on the map
 
 
 def test_a_goal_outside_the_map_is_told_with_the_map() -> None:
