@@ -24,6 +24,9 @@ def catching(kind: str, correlate: str = "order_id = key", **more: str) -> str:
     said = properties(type=TYPE, correlate=correlate, **more)
     if kind == "receive":
         return f'<receiveTask id="c" messageRef="Picked">{said}</receiveTask>'
+    if kind == "definition":
+        inside = PICKED.replace("/>", f">{said}</messageEventDefinition>")
+        return f'<intermediateCatchEvent id="c">{inside}</intermediateCatchEvent>'
     return f'<intermediateCatchEvent id="c">{said}{PICKED}</intermediateCatchEvent>'
 
 
@@ -84,7 +87,7 @@ def test_its_part_of_the_split_file_does_likewise(kind: str) -> None:
     ],
 )
 def test_a_key_names_a_variable_and_a_field(correlate: str, keys: list[tuple[str, str]]) -> None:
-    for kind in ("receive", "catch"):
+    for kind in ("receive", "catch", "definition"):
         model = read_text(team(kind).replace("order_id = key", correlate))
         node = model.processes[0].body.nodes[1].body.nodes[1]  # type: ignore[union-attr]
         found = node.keys if kind == "receive" else node.definitions[0].keys  # type: ignore[union-attr]
@@ -108,6 +111,8 @@ def test_what_is_wrong_with_a_key_is_told() -> None:
     )
     text = "its property 'correlate' has no effect: only an element that receives a message correlates it"
     assert texts(wrong) == [f"warning: {text}"]
+    thrown = team("definition").replace("intermediateCatchEvent", "intermediateThrowEvent")
+    assert texts(thrown) == [f"warning: {text}"]
     assert texts(team("catch")) == []
 
 

@@ -206,9 +206,11 @@ def note_keys(context: Context, element: Node, keys: tuple[tuple[str, Expression
         context.note(element, text, "warning")
 
 
-def _note_misplaced(source: TopicSource, properties: TopicProperties) -> None:
-    """A queue of an element that throws, and a payload of one that catches."""
+def _note_misplaced(source: TopicSource, properties: TopicProperties, kind: str) -> None:
+    """Keys where nothing correlates, a queue of an element that throws, and a payload of one that catches."""
     throws = source.place in THROWS
+    if throws or kind == "signal":
+        note_keys(source.node.context, source.node.element, properties.keys)
     name = "queue" if throws and properties.queue else "payload" if properties.payload and not throws else ""
     if name:
         right = "catches" if throws else "throws"
@@ -216,32 +218,34 @@ def _note_misplaced(source: TopicSource, properties: TopicProperties) -> None:
         source.node.context.note(source.node.element, text, "warning")
 
 
-def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"]) -> Topic:
+def _topic(
+    source: TopicSource, element: Node, kind: Literal["signal", "message"]
+) -> tuple[Topic, tuple[tuple[str, Expression], ...]]:
+    """Return the topic of a definition, and the correlation keys that properties give."""
     node = source.node
     if source.properties is None:
         original_fame.apply_message_list(node.context, node.element, node.extensions)
         source.properties = take_topic_properties(node.context, node.element, node.extensions)
-        if kind == "signal" or source.place in THROWS:
-            note_keys(node.context, node.element, source.properties.keys)
-        _note_misplaced(source, source.properties)
+        _note_misplaced(source, source.properties, kind)
         if source.place not in THROWS:
             source.takes += tuple(node.extensions.outputs)
     has_own = len(element) or any(key[0] == "{" for key in attributes(element))
-    return read_topic(
-        source,
-        element,
-        kind,
-        _definition_properties(node, element, source.properties) if has_own else source.properties,
-    )
+    properties = _definition_properties(source, element, source.properties, kind) if has_own else source.properties
+    topic = read_topic(source, element, kind, properties)
+    return topic, properties.keys if kind == "message" and source.place not in THROWS else ()
 
 
-def _definition_properties(node: NodeReader, element: Node, common: TopicProperties) -> TopicProperties:
+def _definition_properties(
+    source: TopicSource, element: Node, common: TopicProperties, kind: Literal["signal", "message"]
+) -> TopicProperties:
     """The topic properties of a definition, completed by those of its event."""
+    node = source.node
     extensions = read_extensions(node.context, element)
     if extensions.refused:
         text = f"{extensions.refused.split(';')[0]}: ignored, the message is published"
         node.context.note(element, text, "warning")
     own = take_topic_properties(node.context, element, extensions)
+    _note_misplaced(source, own, kind)
     given = {one.name: value for one in fields(own) if (value := getattr(own, one.name))}
     properties = replace(common, **given)
     properties.payload = properties.payload or _copied_payload(extensions)
@@ -258,14 +262,13 @@ def _copied_payload(extensions: Extensions) -> Expression | None:
 
 
 def _signal(source: TopicSource, element: Node) -> SignalDefinition:
-    return SignalDefinition(topic=_topic(source, element, "signal"), line=line_of(element))
+    return SignalDefinition(topic=_topic(source, element, "signal")[0], line=line_of(element))
 
 
 def _message(source: TopicSource, element: Node) -> MessageDefinition:
-    topic = _topic(source, element, "message")
-    catches = source.properties is not None and source.place not in THROWS
-    keys = message_keys(source.node, element.get("messageRef")) if catches else ()
-    keys += source.properties.keys if source.properties is not None and catches else ()
+    topic, keys = _topic(source, element, "message")
+    if source.place not in THROWS:
+        keys = (*message_keys(source.node, element.get("messageRef")), *keys)
     return MessageDefinition(topic=topic, keys=keys, line=line_of(element))
 
 
