@@ -11,6 +11,7 @@ from fame.engine import UNDEFINED
 from fame.errors import ModelError
 from fame.scripting import compile_expression
 from fame.scripting.languages import MISSING
+from fame.scripting.substitution import is_text
 from tests.bpmn_text import process, properties
 
 
@@ -103,6 +104,17 @@ def test_what_is_null_in_a_feel_payload_is_left_out_and_reported() -> None:
     assert evaluate({"a": 1, **names}) == {"x": 1, "p": {"z": 1}}
     assert said == ["payload field p.y: is null"]
     assert payload("=missing") is UNDEFINED
+    assert payload("={x: [a, b], p: [{y: b, z: 1}], n: [a]}", a=1) == {"p": [{"z": 1}], "n": [1]}
+
+
+def test_a_value_with_a_key_that_is_given_twice_is_refused() -> None:
+    with pytest.raises(ModelError, match="a key is given twice"):
+        prop("{x: 1, x: 2}")
+
+
+def test_a_value_in_quotes_is_no_text_for_certain() -> None:
+    assert [is_text(text) for text in ('"${x}"', "'${x}'", "${x}", "{a: ${x}}")] == [False] * 4
+    assert all(map(is_text, ("at ${x}", '"at ${x}"', "${x}${y}")))
 
 
 @pytest.mark.parametrize(("text", "reason"), [("{x: ${a}}", "`a` is not set"), ("={x: a}", "is null")])
@@ -128,6 +140,7 @@ def test_a_missing_field_is_reported_once_or_refused_if_strict(text: str, reason
         ("{x: ${a}, y: ${b", "no closing brace"),
         ("{x:${a}}", "before a value there is a space"),
         ("{x: !!python/name:os.system }", "not valid YAML or JSON"),
+        ("{x: 1, p: {y: 2, y: 3}}", "a key is given twice"),
         ("[&a 1, *a]", r"not valid YAML or JSON: an alias \(\*a\)"),
     ],
 )

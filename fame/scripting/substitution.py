@@ -26,6 +26,7 @@ Missing = Callable[[Mapping[str, Any], str, Undefined], object]
 _HOLE = re.compile(r"[$#]\{")
 _MARK = re.compile("\ue000([0-9]+)\ue001")
 _COLLECTION = ("{", "[")
+_TWICE = "a key is given twice"
 _FLOW = (*_COLLECTION, '"', "'")
 
 
@@ -81,9 +82,10 @@ def inside(text: str) -> str | None:
 
 
 def is_text(text: str) -> bool:
-    """Return whether the value of a payload is always a text: ``at ${x}``, neither ``${x}`` nor ``{x: ${x}}``."""
+    """Return whether the value of a payload is always a text: ``at ${x}``, not ``${x}``, ``"${x}"`` or
+    ``{x: ${x}}``."""
     text = text.strip()
-    return not text.startswith(_COLLECTION) and inside(text) is None and bool(_HOLE.search(text))
+    return not text.startswith(_COLLECTION) and inside(text.strip("\"'")) is None and bool(_HOLE.search(text))
 
 
 def template(text: str) -> Parsed:
@@ -123,6 +125,9 @@ def _without_nulls(value: Any, path: str, missing: Callable[[str, Undefined], ob
     if isinstance(value, dict):
         pairs = ((key, _without_nulls(item, f"{path}.{key}".lstrip("."), missing)) for key, item in value.items())
         return {key: item for key, item in pairs if item is not UNDEFINED}
+    if isinstance(value, list):
+        items = [_without_nulls(item, f"{path}[{index}]", missing) for index, item in enumerate(value)]
+        return UNDEFINED if any(item is UNDEFINED for item in items) else items
     return value
 
 
@@ -132,7 +137,9 @@ def value(text: str, missing: Missing) -> Parsed:
         return Parsed(constant(UNDEFINED), {})
     try:
         return payload(text, missing)
-    except ExpressionError:
+    except ExpressionError as error:
+        if _TWICE in str(error):  # it is a collection
+            raise
         substituted = Substituted(text.strip())
         return substituted.parsed(_build(substituted.marked, "", substituted.evaluates, missing))
 
@@ -261,7 +268,13 @@ def _loader() -> Any:
     import yaml
 
     class Flow(core_loader()):  # type: ignore[misc]
-        """Without aliases."""
+        """Without aliases, and without keys that are given twice."""
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            mapping = super().construct_mapping(node, deep)
+            if len(mapping) < len(node.value):
+                raise yaml.constructor.ConstructorError(None, None, _TWICE, node.start_mark)
+            return mapping
 
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.check_event(yaml.AliasEvent):
