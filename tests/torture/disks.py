@@ -49,13 +49,13 @@ class Disk:
         """Keep what was synced, and any part of the rest."""
         chance = self._random
         names = dict(self._synced)
-        for path in self._files.keys() ^ names.keys():
+        for path in sorted(self._files.keys() ^ names.keys()):  # hashes differ between processes
             if chance.random() < 0.5:  # the change of this name was made
                 if path in self._files:
                     names[path] = self._files[path]
                 else:
                     del names[path]
-        for path in self._files.keys() & names.keys():
+        for path in sorted(self._files.keys() & names.keys()):
             if self._files[path] is not names[path] and chance.random() < 0.5:
                 names[path] = self._files[path]
         for node in names.values():
