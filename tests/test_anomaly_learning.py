@@ -416,6 +416,8 @@ def test_the_one_class_svm_of_the_paper_by_resubstitution():
 
 LEARNING = "Files: {supervised_train: {name: runs.csv, input_col: [0, 1], output_col: [2]}}\n"
 CHAIN = "{joints: [{name: a, origin: [0, 0, %s], axis: [0, 0, 1]%s}]}"
+JOINT = "origin: [0, 0, 1], axis: [0, 0, 1]"
+TWO = "{joints: [{name: a, " + JOINT + "}, {name: %s, " + JOINT + "%s}]}"
 
 
 @pytest.mark.parametrize(
@@ -437,6 +439,10 @@ CHAIN = "{joints: [{name: a, origin: [0, 0, %s], axis: [0, 0, 1]%s}]}"
                 (CHAIN % (".nan", ""), "not finite"),
                 (CHAIN % (0, ", steps: 0"), "expected a number of steps per revolution, got 0"),
                 (CHAIN % ("9" * 400, ""), "is not an arm"),
+                ("{joints: []}", "is not an arm"),
+                (TWO % ("a", ""), "each joint has a name of its own"),
+                (TWO % ("b", ", steps: 4096"), "all or none have steps"),
+                (TWO % ("b", ""), "benign run 0 has 6 points that are not all 0; at least 8 are needed"),
                 (CHAIN % (0, "") + ", margin: wide", "parameters.margin: expected a number above 0, got 'wide'"),
                 (CHAIN % (0, ""), "expected 1 joints, as the chain of the PathDetector has, got 2"),
             )

@@ -118,7 +118,8 @@ class Chain:
 
 
 def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
-    """Load an arm from a YAML file (or its content): `joints`, each with name, origin, axis, optional steps; `tool`.
+    """Load an arm from a YAML file (or its content): `joints`, each with name, origin, axis; `tool`. All joints have
+    steps, or none has.
 
     Raises ConfigError.
     """
@@ -131,10 +132,12 @@ def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
         steps = tuple(_steps(joint["steps"]) for joint in joints if "steps" in joint)
         names = tuple(str(joint["name"]) for joint in joints)
         tool = _vector(text.get("tool", (0, 0, 0)))
+        if not joints or len(set(names)) < len(names) or len(steps) not in (0, len(joints)):
+            raise ValueError("each joint has a name of its own; all or none have steps")
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         text = f"is not an arm ({error!r}): expected joints, each with name, origin [x, y, z] and axis [x, y, z]"
         raise ConfigError(text, file=file) from None
-    return Chain(names, origins, axes, steps if len(steps) == len(joints) else (), tool)
+    return Chain(names, origins, axes, steps, tool)
 
 
 def _vector(value: Any) -> Vector:

@@ -105,6 +105,10 @@ class PathDetector:
             raise ConfigError(text, file=benign.source)
         if len(runs) < BLOCKS:
             raise ConfigError(f"has {len(runs)} benign runs; at least {BLOCKS} are needed", file=benign.source)
+        for number, run in enumerate(runs):
+            if (points := int(run.values.any(axis=1).sum())) < NEIGHBOURS:
+                text = f"benign run {number} has {points} points that are not all 0; at least {NEIGHBOURS} are needed"
+                raise ConfigError(text, file=benign.source)
         self.period = _period(runs)
         self.paths = join_paths([self._path(run, number) for number, run in enumerate(runs)])
         size = self.parameters.bin
