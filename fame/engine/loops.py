@@ -94,11 +94,15 @@ def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int
         collection = loop.collection(variables)
         if not isinstance(collection, Iterable) or isinstance(collection, str | bytes | Mapping):
             raise TypeError(f"expected a list as collection, got {type(collection).__name__}")
-        values = list(collection)
+        # The order of a set of texts differs in each process: sorted, the same seed gives the same run.
+        values = sorted(collection) if isinstance(collection, set | frozenset) else list(collection)
         return values, len(values)
     if loop.cardinality is None:
         return None, 0
-    return None, whole_number(loop.cardinality(variables))
+    number = whole_number(loop.cardinality(variables))
+    if loop.output and number > state.SCOPES:  # the list of results is made at once
+        raise ValueError(f"expected a cardinality of at most {state.SCOPES}, since results are kept, got {number}")
+    return None, number
 
 
 def whole_number(value: Any) -> int:

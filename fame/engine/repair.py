@@ -81,10 +81,11 @@ def _arm_again(engine: EngineState, wait: Wait) -> None:
 
 
 def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int | None = None) -> None:
-    """Set variables of the running instances. Raises MissionError if none runs."""
+    """Set variables of the running instances, or of one. Raises MissionError if none runs."""
     instances = [each for each in engine.instances.values() if instance in (None, each.key)]
     if not instances:
-        raise MissionError("no instance is running, so there are no variables to set", element=engine.program.process)
+        which = "no instance" if instance is None else f"no instance {instance}"
+        raise MissionError(f"{which} is running, so there are no variables to set", element=engine.program.process)
     for each in instances:
         for name, value in values.items():
             each.root.variables[name] = value

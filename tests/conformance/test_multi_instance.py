@@ -67,6 +67,19 @@ def test_a_cardinality_that_is_no_number_of_instances_is_an_error(play: Play, te
     assert f"expected a whole number from 0 on as cardinality, got {shown}" in run.instance.error.text
 
 
+def test_more_results_than_memory_holds_are_an_error(play: Play) -> None:
+    said = properties(outputCollection="all", outputElement="${loopCounter}")
+    run = play(around(script("a", "pass", said + many(times(10**12), True)))).run()
+    assert run.instance.error is not None
+    assert "expected a cardinality of at most 200000" in run.instance.error.text
+
+
+def test_items_of_a_set_are_taken_in_the_same_order_in_each_run(play: Play) -> None:
+    words = [f"w{number}" for number in range(50)]
+    activity = script("a", "seen = seen + [w]", many("", True, collection="words", elementVariable="w"))
+    assert play(around(activity), {"words": set(words), "seen": []}).run().variables["seen"] == sorted(words)
+
+
 @pytest.mark.parametrize("text", ["2.0", "'2'", "0 + 2"])
 def test_one_that_is_a_whole_number_in_another_form_counts(play: Play, text: str) -> None:
     assert play(around(script("a", "pass", many(times(text))))).run().log == "s a a e =completed"

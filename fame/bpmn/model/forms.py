@@ -79,8 +79,14 @@ def _expected(field: FormField, value: Any) -> str:
 
 def _bounds(least: float, most: float) -> str:
     if math.isfinite(least) and math.isfinite(most):
-        return f" from {least:g} to {most:g}"
-    return f" of {least:g} or more" if math.isfinite(least) else f" of {most:g} or less" if math.isfinite(most) else ""
+        return f" from {least:.15g} to {most:.15g}"
+    return (
+        f" of {least:.15g} or more"
+        if math.isfinite(least)
+        else f" of {most:.15g} or less"
+        if math.isfinite(most)
+        else ""
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
