@@ -12,7 +12,7 @@ from fame.errors import ConfigError
 from fame.scenario import Completion, Scenario
 
 MODEL = process(
-    """<startEvent id="s"/><userTask id="sign" name="Sign"/><manualTask id="load"/>
+    """<startEvent id="s"/><userTask id="sign" name="Sign&#10;it"/><manualTask id="load"/>
     <scriptTask id="t"><script>log(f"{by} at {robot.now}")</script></scriptTask>
     <sequenceFlow id="f" sourceRef="s" targetRef="sign"/><sequenceFlow id="g" sourceRef="sign" targetRef="load"/>
     <sequenceFlow id="h" sourceRef="load" targetRef="t"/>""",
@@ -85,7 +85,8 @@ WRONG = {
         "s.yaml:3: complete[0].robot: unknown robot 'PORTR' in the completion of load; robots are: PORTER"
     ),
     "{at: 7, robot: PORTER, element: t}": (
-        "s.yaml:3: complete[0].element: expected a user, manual or receive task of PORTER, got 't'; it has sign, load"
+        "s.yaml:3: complete[0].element: expected a user, manual or receive task of PORTER, got 't'; it has "
+        '"Sign it" (sign), load'
     ),
     "{at: -1, robot: PORTER, element: load}": "s.yaml:3: complete[0].at: expected a number of at least 0, got -1",
     "{robot: PORTER, element: load}": "s.yaml:3: complete[0]: expected the key at, as in {at: 12, robot: REX",
@@ -102,6 +103,14 @@ def test_what_cannot_be_is_refused_in_one_line_before_anything_moves(entry: str,
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert WRONG[entry] in err
+
+
+def test_a_task_is_named_by_its_label_if_only_one_has_it(model: Path, capsys) -> None:
+    labels = [Completion("PORTER", 2.5, "Sign it", {"by": "Ada"}), LOAD]
+    assert Scenario.load(model, completions=labels).completions == (SIGN, LOAD)
+    model.write_text(MODEL.replace('id="load"', 'id="load" name="Sign it"'))
+    assert main(["run", str(model), "--complete", "PORTER@1:Sign it"]) == 2
+    assert "got 'Sign it'; this is the label of sign, load\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["PORTER@sign", "PORTER@x:sign", "PORTER@1:sign:by", "PORTER@1:sign:a-b=1"])

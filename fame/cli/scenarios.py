@@ -73,7 +73,7 @@ def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
     """``PORTER@12:Task_Sign:approved=true,count=3``."""
     from fame.cli.robots import value
 
-    match = re.fullmatch(r"(\S.*?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
+    match = re.fullmatch(r"(\S.*?)@([0-9]+\.?[0-9]*):([^\s:](?:[^:]*[^\s:])?)(?::(.+))?", text)
     if match is None:
         right = "ROBOT@SECOND:ELEMENT[:NAME=VALUE,...] as in REX@12:Task_Sign:approved=true"
         raise ArgumentTypeError(f"expected {right}, got {text!r}")

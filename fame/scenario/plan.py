@@ -53,7 +53,8 @@ class Fault:
 class Completion:
     """The completion of a user, manual or receive task by a person at simulated second `time`.
 
-    `values` are the variables that are set. If no token waits there at that time, nothing happens except a report.
+    `element` is its id or label; `values` are the variables that are set. If no token waits there at that time, nothing
+    happens except a report.
     """
 
     robot: str

@@ -98,7 +98,7 @@ class Scenario(Plan):
         _check_faults(faults, cast, str(path))
         wanted = [*content.completions, *((done, "") for done in completions)]
         nodes = {robot: _tasks(folders, definitions, pool) for robot, pool in cast.items()}
-        _check_completions(wanted, nodes, content)
+        completions = tuple(_completions(wanted, nodes, content))
         joined = _joined(content, network, list(cast))
         values = _merged(content.variables, variables)
         cast, chosen = with_parameters(cast, definitions, folders, values, content.source)
@@ -111,7 +111,7 @@ class Scenario(Plan):
             seed=seed,
             duration=content.duration if duration is None else duration,
             faults=tuple(faults),
-            completions=tuple(done for done, _ in wanted),
+            completions=completions,
             signals=_signals(content, definitions, folders, cast),
             epoch=content.epoch if epoch is None else epoch,
             network=joined,
@@ -286,23 +286,32 @@ def _tasks(library: Library, definitions: Definitions, pool: Pool) -> list[tuple
     return [(home, node) for home, node in nodes if node.tag in ("userTask", "manualTask", "receiveTask")]
 
 
-def _check_completions(
+def _completions(
     wanted: Sequence[tuple[Completion, str]],
     nodes: Mapping[str, Sequence[tuple[Definitions, FlowNode]]],
     content: ScenarioFile,
-) -> None:
-    """Raise ConfigError for an unknown robot, an element that is not a task to complete, and values that do not fit."""
-    tasks = {robot: [node.id for _, node in found] for robot, found in nodes.items()}
+) -> Iterator[Completion]:
+    """The completions, each with the id of its task.
+
+    Raises ConfigError for an unknown robot, an element that is not one task to complete, and values that do not fit.
+    """
     for done, place in wanted:
-        if done.robot not in tasks:
-            text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(tasks)}"
+        if done.robot not in nodes:
+            text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(nodes)}"
             raise content.source.error(f"{place}.robot" if place else "", text)
-        if done.element not in tasks[done.robot]:
-            known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
-            text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; {known}"
+        label, tasks = " ".join(done.element.split()), [node for _, node in nodes[done.robot]]
+        ids = [node.id for node in tasks if node.id == done.element] or [
+            node.id for node in tasks if node.label == label
+        ]
+        if len({*ids}) != 1:
+            known = ", ".join(dict.fromkeys(node.display_name for node in tasks))
+            text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; " + (
+                f"this is the label of {', '.join(dict.fromkeys(ids))}" if ids else f"it has {known or 'none'}"
+            )
             raise content.source.error(f"{place}.element" if place else "", text)
-        if wrong := unfit_values(nodes[done.robot], done.element, done.values):
+        if wrong := unfit_values(nodes[done.robot], ids[0], done.values):
             raise content.source.error(f"{place}.values" if place else "", f"{done.element}: {wrong}")
+        yield replace(done, element=ids[0])
 
 
 def _signals(
