@@ -25,6 +25,7 @@ from fame.bpmn.model import (
     Task,
     Topic,
 )
+from fame.bpmn.model.forms import unfit_value
 from fame.bpmn.reader.expressions import flow_mapping, flow_sequence
 from fame.bpmn.split import split
 from fame.scripting import compile_expression
@@ -656,3 +657,18 @@ def test_dialects_are_found_by_namespace_whatever_the_prefix() -> None:
 def test_lists_and_maps_become_flow_style_yaml() -> None:
     assert flow_sequence(["1", "${a}", "{b: 2}", "x, y", ""]) == '[1, ${a}, {b: 2}, "x, y", ""]'
     assert flow_mapping([("a b", "1"), ("c", "it's")]) == '{"a b": 1, c: "it\'s"}'
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "wrong"),
+    [
+        (FormField(key="a", kind="number", most=1234567), 9e9, "expected a number of 1234567 or less"),
+        (FormField(key="a", kind="integer", least=-1234567.5, most=0), 1, "a whole number from -1234567.5 to 0"),
+        (FormField(key="a", kind="select", options=((1, "one"),)), True, "expected one of 1"),
+        (FormField(key="a", kind="select", options=((1, "one"),)), 1, ""),
+    ],
+)
+def test_a_value_that_does_not_fit_is_told_the_exact_bounds(field: FormField, value: object, wrong: str) -> None:
+    told = unfit_value([field], {"a": value})
+    assert wrong in told
+    assert bool(told) is bool(wrong)

@@ -63,7 +63,8 @@ def _expected(field: FormField, value: Any) -> str:
     """What a field expects, if this is not it. A field for text takes what can be written."""
     if value is None or (value == "" and field.kind in ("text", "textarea")):
         return "a value" if field.required else ""
-    if field.kind in ("select", "radio") and field.options and value not in (each for each, _ in field.options):
+    options = [each for each, _ in field.options if isinstance(each, bool) == isinstance(value, bool)]  # 1 is no true
+    if field.kind in ("select", "radio") and field.options and value not in options:
         return f"one of {', '.join(str(each) for each, _ in field.options)}"
     if field.kind == "checkbox" and not isinstance(value, bool):
         return "true or false"
