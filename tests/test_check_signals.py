@@ -50,6 +50,10 @@ WARNINGS = {
         two([script("await sleep(1)"), throw("a", qos_depth="5")], [catch("c", queue="6", qos_depth="10")]),
         "c: queues up to 6 messages of /done, but its qos.depth is 5: set qos.depth=6, or messages may be lost",
     ),
+    "a queue of what an event before it catches": (
+        two([script("await sleep(1)"), throw("a")], [catch("c"), script("x = 1", "u"), catch("d", queue="2")]),
+        'd: its queue keeps the /done that "done" (c) catches, too: one signal passes both',
+    ),
 }  # fmt: skip
 
 
@@ -84,6 +88,12 @@ FINE = {
     "a throw and a catch after a pause": two([PAUSE.replace("w", "v", 1), throw("a"), script("await sleep(1)"),
                                               catch("b", queue="1")], [catch("c")]),
     "a queue as long as the depth": two([script("await sleep(1)"), throw("a")], [catch("c", queue="100")]),
+    "a wait for two of a signal": two([script("await sleep(1)"), throw("a")], [catch("c", queue="1"), catch("d")]),
+    "a queue on another path": (
+        row(script("await sleep(1)"), throw("a")),
+        '<startEvent id="s2"/>' + script("x = 1", "u") + choice("g", 'default="g-c"') + catch("c")
+        + catch("d", queue="2") + ends("e2", "e3") + flows("s2 u g c e2", "d e3") + flow("g", "d", "x > 1"),
+    ),
     "a queue of all": two(
         [script("await sleep(1)"), throw("a", qos_history="keep_all")], [catch("c", queue="500")]
     ),

@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
-from fame.bpmn.model import Body, FlowNode, TimerDefinition
+from fame.bpmn.model import Body, FlowNode, SignalDefinition, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
 from fame.check.graph import FlowGraph, graph_of, passes_at_once
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, Level
@@ -296,6 +296,9 @@ def check_signal_delivery(scope: CheckScope) -> Iterator[Finding]:
         yield from _throw_before_catch(scope, name, ends, level)
     for name, ends in by_topic(process for one in scope.mission for process in one.processes).items():
         yield from (one for one in _queues(name, ends) if one.file in scope.files)
+    for process in scope.processes:
+        for graph in map(graph_of, process.bodies()):
+            yield from _passed_twice(process, graph)
 
 
 def _throw_before_catch(scope: CheckScope, name: str, ends: Sequence[TopicEndpoint], level: Level) -> Iterator[Finding]:
@@ -350,3 +353,23 @@ def _queues(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
             text = f"queues up to {kept} messages of {name}, but its qos.depth is {profile.depth}"
             fix = Fix(f"set qos.depth = {kept}", end.node.id, "property", str(kept), "qos.depth")
             yield end.finding("warning", f"{text}: set qos.depth={kept}, or messages may be lost", fix)
+
+
+def _passed_twice(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
+    """Catching events whose queue keeps the signal that an event before them, or inside of what is, catches."""
+    told: set[tuple[str, str]] = set()
+    for node in graph.body.nodes:
+        inside = node.body.walk() if node.body is not None else ()
+        caught = {name: one for one in (*inside, node) if one.place in ("catch", "boundary") for name in _signals(one)}
+        for id in graph.reach(graph.following[node.id], {node.id}) if caught else ():
+            later = graph.nodes[id]
+            kept = [name for name, queue in _signals(later).items() if queue and name in caught]
+            if kept and later.place == "catch" and (id, node.id) not in told:
+                told.add((node.id, id))
+                text = f"keeps the {kept[0]} that {caught[kept[0]].display_name} catches, too: one signal passes both"
+                yield process.finding("warning", f"its queue {text}", later)
+
+
+def _signals(node: FlowNode) -> dict[str, int]:
+    """The signals of an event, each with its queue."""
+    return {one.topic.qualified: one.topic.queue for one in node.defined(SignalDefinition)}
