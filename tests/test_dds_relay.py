@@ -3,21 +3,33 @@
 What each of them can do is in the contract of the middleware (``dds relay``).
 """
 
+import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 import pytest
+from bpmn_text import document
 from middleware_contract import DOMAIN, RelayWorld, needs
 
-from fame.errors import FameError
+from fame.clock import SECOND
+from fame.errors import ConfigError, FameError
 from fame.middleware import messages
-from fame.middleware.interface import DeferredResponse, QoS
+from fame.middleware.interface import LATCHED, DeferredResponse, QoS
 
 pytestmark = [needs("cyclonedds"), pytest.mark.dds]
 TEXT, INT, TRIGGER = "std_msgs/msg/String", "std_msgs/msg/Int32", "std_srvs/srv/Trigger"
+MISSION = document(
+    '<collaboration id="C"><participant id="A" name="ROBOT" processRef="p"/></collaboration>'
+    '<process id="p"><startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="wait"/><userTask id="wait"/>'
+    '<sequenceFlow id="g" sourceRef="wait" targetRef="e"/><endEvent id="e"/></process>'
+)
 
 
 @pytest.fixture
@@ -115,10 +127,119 @@ def test_a_type_that_only_the_engine_has_read_is_one_for_all(here: RelayWorld, m
     assert [name for name, *_ in defined] == ["relay_msgs/msg/Weed", "geometry_msgs/msg/Point"] * 2
 
 
-def test_an_engine_whose_participant_has_ended_stops_and_says_why(here: RelayWorld) -> None:
+# ---- the link ends ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All others are found within 50 ms."""
+    monkeypatch.setattr("fame.middleware.dds.relay._QUIET", SECOND // 20)
+
+
+def cut(world: RelayWorld, number: int) -> None:
+    """End the link of an engine, as that process does when it is killed."""
+    world.relay.engines[number].link._end.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.mark.usefixtures("quick")
+def test_an_engine_whose_link_ends_goes_on_with_a_participant_of_its_own(here: RelayWorld) -> None:
+    node, got, late, asked, answers = here.node("fame_engine", "A"), *([] for _ in range(4))
+    publisher, latched = node.publisher("/x", TEXT), node.publisher("/map", TEXT, LATCHED)
+    node.service("reset", TRIGGER, asked.append)
+    slow, calls = here.node("slow", "C"), node.client("/C/slow", TRIGGER)
+    slow.service("slow", TRIGGER, lambda request: DeferredResponse())
+    other = here.node("fame_engine", "B")
+    other.subscription("/x", TEXT, lambda message: got.append(message.data))
+    here.connect("/x")
+    latched.publish(messages.create(TEXT, "field"))
+    here.until(lambda: calls.available)
+    calls.call(None, answers.append, lambda: answers.append("lost"))
+    cut(here, 0)
+    publisher.publish(messages.create(TEXT, "halt"))  # waits until the subscription is found again
+    here.until(lambda: got == ["halt"])
+    here.until(lambda: answers == ["lost"])
+    other.subscription("/map", TEXT, lambda message: late.append(message.data), LATCHED)
+    here.until(lambda: late == ["field"])
+    client = other.client("/A/reset", TRIGGER)
+    here.until(lambda: client.available)
+    client.call(None, asked.append)
+    here.until(lambda: len(asked) == 2)
+    assert here.middlewares[-1].node_names() == ["/A/fame_engine", "/B/fame_engine", "/C/slow"]
+    assert len(here.relay.engines) == 2
+
+
+@pytest.mark.usefixtures("quick")
+def test_an_engine_whose_starter_has_ended_stops_when_it_can_be_heard(
+    here: RelayWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    got = list[str]()
+    publisher = here.node("fame_engine", "A").publisher("/x", TEXT)
+    here.node("robot", "A").subscription("/x", TEXT, lambda message: got.append(message.data))
+    here.connect("/x")
+    monkeypatch.setattr("os.getppid", lambda: 1)
+    cut(here, 0)
+    here.scheduler.run(here.scheduler.now + 30 * SECOND)  # it stops by itself
+    publisher.publish(messages.create(TEXT, "halt"))
+    here.until(lambda: got == ["halt"])
+
+
+def test_an_engine_that_cannot_join_the_domain_again_stops_and_says_why(
+    here: RelayWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise ConfigError("cannot join DDS domain 7")
+
     node = here.node("a", "A")
-    (engine,) = here.relay.engines
-    engine.link._end.shutdown(socket.SHUT_RDWR)  # as if that process had been killed
-    here.scheduler.run(here.scheduler.now + 30 * 10**9)  # it stops by itself
-    with pytest.raises(FameError, match="the process that started this engine has ended"):
+    monkeypatch.setattr("fame.middleware.dds.relayed.Relay", refuse)
+    cut(here, 0)
+    here.scheduler.run(here.scheduler.now + 30 * SECOND)
+    with pytest.raises(FameError, match="this engine has ended, and cannot join DDS domain 7"):
         node.publisher("/x", INT)
+
+
+# ---- in processes ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def engines(here: RelayWorld) -> Iterator[subprocess.Popen[bytes]]:
+    """Two engines of cars, which have been found."""
+    words = (sys.executable, "-m", "fame", "engine", "R_1", "R_2", "--type", "car", "--insecure")
+    environment = {"ROS_DOMAIN_ID": str(DOMAIN), "FAME_LEASE": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(words, env=os.environ | environment, process_group=0, stderr=subprocess.PIPE)
+    here.node("fame_view")
+    here.until(lambda: present(here) == {"/R_1/fame_engine", "/R_2/fame_engine"})
+    for _ in range(2):
+        assert b"waits for its process" in process.stderr.readline()  # type: ignore[union-attr]
+    yield process
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def present(world: RelayWorld) -> set[str]:
+    return {name for name in world.middlewares[0].node_names() if name.startswith("/R_")}
+
+
+@pytest.mark.processes
+def test_engines_whose_starter_is_killed_bring_their_robots_to_the_safe_state(
+    here: RelayWorld, engines: subprocess.Popen[bytes]
+) -> None:
+    stopped = dict.fromkeys(("R_1", "R_2"), 0)
+
+    def stop(robot: str, message: Any) -> None:
+        stopped[robot] += message.linear.x == 0
+
+    node, deployed = here.middlewares[0].nodes[0], dict[str, str]()
+    for robot in stopped:
+        node.subscription(f"/{robot}/cmd_vel", "geometry_msgs/msg/Twist", partial(stop, robot))
+        node.subscription(
+            f"/{robot}/bpmn_status", TEXT, lambda message, robot=robot: deployed.update({robot: message.data})
+        )
+        publisher = node.publisher(f"/{robot}/bpmn_process", TEXT)
+        here.until(publisher.matched)
+        publisher.publish(messages.create(TEXT, MISSION.replace("ROBOT", robot)))
+    here.until(lambda: len(deployed) == 2 and all('"running"' in report for report in deployed.values()))
+    stopped.update(R_1=0, R_2=0)
+    engines.kill()
+    here.until(lambda: all(stopped.values()))
+    here.until(lambda: not present(here))

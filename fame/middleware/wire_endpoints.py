@@ -266,9 +266,11 @@ class WireClient(ServiceEndpoint):
 
     def on_servers_changed(self) -> None:
         """Drop the requests that get no response now that a server has come or left; warn if one has left with some."""
-        if not self.pending and not self.insistent:
-            return
-        servers = self.servers()
+        if self.pending or self.insistent:
+            self.take_servers(self.servers())
+
+    def take_servers(self, servers: Set[Hashable]) -> None:
+        """Do so, now that these are there."""
         if self.pending.servers_changed(servers):
             self.warn_unanswered()
         self.insistent.on_servers_changed(servers)

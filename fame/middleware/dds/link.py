@@ -24,8 +24,16 @@ class RelayLink:
     """One end. Any thread may send."""
 
     def __init__(self, end: socket.socket) -> None:
-        self._end, self._lock = end, threading.Lock()
+        self._lock, self._closed, self._end = threading.Condition(), False, end
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
+
+    def connect(self, end: socket.socket) -> None:
+        """Go on over another pair of sockets: what could not be sent goes there."""
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
+        with self._lock:
+            self._end.close()
+            self._end = end
+            self._lock.notify_all()
 
     def messages(self) -> Iterator[tuple[int, int, bytes]]:
         """Yield kind, number and data of each message, until the other end is closed."""
@@ -36,9 +44,14 @@ class RelayLink:
                     yield kind, number, data
 
     def send(self, kind: int, number: int, data: bytes) -> None:
-        """Send, and wait until the other process takes it. One that has ended takes nothing."""
-        with self._lock, suppress(OSError):
-            self._end.sendall(_HEAD.pack(len(data), kind, number) + data)
+        """Send, and wait until the other process takes it; if that has ended, until this is connected or closed."""
+        message = _HEAD.pack(len(data), kind, number) + data
+        with self._lock:
+            while not self._closed:
+                try:
+                    return self._end.sendall(message)
+                except OSError:
+                    self._lock.wait()
 
     def send_object(self, kind: int, number: int, value: Any) -> None:
         self.send(kind, number, pickle.dumps(value, pickle.HIGHEST_PROTOCOL))
@@ -46,7 +59,10 @@ class RelayLink:
     def close(self) -> None:
         with suppress(OSError):
             self._end.shutdown(socket.SHUT_RDWR)
-        self._end.close()
+        with self._lock:
+            self._closed = True
+            self._lock.notify_all()
+            self._end.close()
 
 
 class PatientLink(RelayLink):

@@ -5,8 +5,9 @@ process that has forked the engines has the only one. Each engine has a `RelayLi
 (`fame.middleware.dds.relayed`). What an engine makes there is made here, with the same nodes, names and quality of
 service, so that others see no difference. Messages are passed on as CDR.
 
-An engine that ends, in whatever way, has left when its link closes. If this process ends, its engines end, too. An
-engine that hangs or is stopped holds up nobody else: what it does not take waits here, bounded by quality of service.
+An engine that ends, in whatever way, has left when its link closes. One that hangs or is stopped holds up nobody else:
+what it does not take waits here, bounded by quality of service. An engine whose link has closed, as when this process
+is killed, makes all that again on a participant of its own, with a `Relay` in a thread.
 
 Threads. One for each engine reads its link, and publishes. All else happens in the scheduler's.
 """
@@ -17,6 +18,7 @@ import pickle
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable, Iterable, Set
 from functools import partial
 from itertools import chain, count
@@ -43,6 +45,8 @@ _RETRY = SECOND // 100
 """When what an engine did not take is sent again (ns)."""
 _MOST = 1000
 """Requests to a service that wait for its response."""
+_QUIET, _LATEST = SECOND // 4, 3 * SECOND
+"""For how long nothing more is found when all is, and how long that is waited for at most: a robot may move (ns)."""
 
 
 class Relay:
@@ -52,11 +56,13 @@ class Relay:
         self.scheduler, self.network, self.domain = scheduler, network, domain_id(domain)
         self.engines: list[RelayedEngine] = []
         self._changed, self._graph = False, (-1, b"")
+        self._since = time.monotonic_ns()  # numbers of its graphs are not those of a relay before
         self.participant: Participant = Participant(scheduler, self.domain, network, self._warn, self._servers_changed)
 
-    def serve(self, end: socket.socket) -> None:
+    def serve(self, end: socket.socket) -> RelayedEngine:
         """Relay for the engine at the other end, until that closes."""
-        self.engines.append(RelayedEngine(self, end))
+        self.engines.append(engine := RelayedEngine(self, end))
+        return engine
 
     def close(self) -> None:
         for engine in list(self.engines):
@@ -74,7 +80,7 @@ class Relay:
     def graph(self, engine: RelayedEngine) -> tuple[int, bytes]:
         """Return the graph, pickled once for all engines, and a number of it."""
         engine.refresh()
-        changes = self.participant.discovery.changes
+        changes = self._since + self.participant.discovery.changes
         if self._graph[0] != changes:
             self._graph = changes, pickle.dumps(engine.graph(), pickle.HIGHEST_PROTOCOL)
         return self._graph
@@ -122,18 +128,28 @@ class RelayedEngine(DdsMiddleware):
             self._servers_changed(services)
             self.scheduler.soon(partial(self.link.send_object, EVENT, 0, ("on_servers_changed", services)))
 
+    def settle(self) -> None:
+        """Run until what is there is found, and connected to its publishers."""
+        latest, found, discovery = self.scheduler.now + _LATEST, -1, self.participant.discovery
+        while (found != discovery.changes or any(map(self.connecting, self.nodes))) and self.scheduler.now < latest:
+            found = discovery.changes
+            self.scheduler.run(self.scheduler.now + _QUIET)
+
     def release(self) -> None:
         self._relay.engines.remove(self)
         self._relay.announce_soon()
         self.link.close()
 
-    # ---- what the engine asks for ------------------------------------------------------------------------------------
+    # ---- what the engine asks for, some of it again over another link ------------------------------------------------
 
     def make_node(self, number: int, name: str, namespace: str, part: str) -> None:
-        self._ends[number] = self.node(name, namespace, part)
+        if number not in self._ends:
+            self._ends[number] = self.node(name, namespace, part)
 
     def make(self, number: int, node: int, kind: str, name: str, type: str, *options: QoS) -> None:
         """Make an endpoint of a node. `kind` is the name of the method."""
+        if number in self._ends:
+            return
         self.names.add(name)
         handler = [partial(self.link.send, DATA, number)] if kind in ("subscription", "service") else []
         self._ends[number] = end = getattr(self._ends[node], kind)(name, type, *handler, *options)
@@ -180,14 +196,19 @@ class RelayedEngine(DdsMiddleware):
         for kind, number, data in self.link.messages():
             if kind == ASK:
                 self.scheduler.soon(partial(self._answer, number, data))
-            elif isinstance(end := self._ends.get(number), DdsPublisher):
-                try:
-                    end.send(data)
-                except MessageError as error:  # it has just been closed
-                    self.warn(EndpointWarning(end.topic, str(error), "backend"))
-            elif end is not None:
-                self.scheduler.soon(partial(end.take, data))
+            else:
+                self.pass_on(number, data)
         self.scheduler.soon(self.close)
+
+    def pass_on(self, number: int, data: bytes) -> None:
+        """Send what an endpoint of the engine sends. From any thread."""
+        if isinstance(end := self._ends.get(number), DdsPublisher):
+            try:
+                end.send(data)
+            except MessageError as error:  # it has just been closed
+                self.warn(EndpointWarning(end.topic, str(error), "backend"))
+        elif end is not None:
+            self.scheduler.soon(partial(end.take, data))
 
     def _answer(self, number: int, data: bytes) -> None:
         target, name, *arguments = pickle.loads(data)
@@ -235,7 +256,7 @@ class ForwardingService(DdsService):
     def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[bytes], Any]) -> None:
         super().__init__(node, name, type, handler)
         self._open: dict[int, tuple[Numbers, int]] = {}
-        self._keys = count(1)
+        self._keys = count(time.monotonic_ns())  # none that a relay before has given to a request
 
     def on_data(self, data: bytes, numbers: Numbers, client: int) -> None:
         if len(self._open) == _MOST:

@@ -3,15 +3,23 @@
 Messages go over a `RelayLink`, one way each. What needs an answer, such as the graph, is asked and waited for: that
 process takes questions of all its engines in turn.
 
-Threads. One reads the link: it puts messages into the queues of subscriptions. All else happens in the scheduler's.
+If the link ends, that process was killed, or this one was stopped for longer than the lease. Then this one has a relay
+of its own, where its nodes and endpoints are made again: to bring the robot to its safe state, or to go on. Until those
+of others are found, whoever sends or asks waits.
+
+Threads. One reads the link: it puts messages into the queues of subscriptions. The relay of its own has one. All else
+happens in the scheduler's.
 """
 
 from __future__ import annotations
 
+import os
 import pickle
 import socket
 import threading
+from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Sequence, Set
+from contextlib import suppress
 from functools import partial
 from itertools import count
 from queue import SimpleQueue
@@ -20,8 +28,9 @@ from typing import Any, ClassVar
 from fame.clock import WallScheduler
 from fame.errors import FameError, MessageError
 from fame.middleware import codec, typesystem
+from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.dds.link import ASK, DATA, EVENT, RelayLink
-from fame.middleware.dds.relay import KEY
+from fame.middleware.dds.relay import KEY, Relay
 from fame.middleware.errors import dropped_warning
 from fame.middleware.interface import AnyMessage, EndpointWarning, QoS, TopicInfo
 from fame.middleware.wire_base import EndpointClasses, WireMiddleware, WireNode
@@ -40,7 +49,8 @@ _ENDED = "the process that started this engine has ended"
 class RelayedMiddleware(WireMiddleware):
     """Nodes on the participant at the other end of a link. `warnings` and `on_warning` are as of `DdsMiddleware`.
 
-    If the other process ends, the scheduler stops, and what is asked raises FameError.
+    If the other process started this one and has ended, the scheduler stops. If this one cannot join the domain then,
+    what is asked raises FameError.
     """
 
     use_sim_time: bool = False
@@ -54,19 +64,22 @@ class RelayedMiddleware(WireMiddleware):
         super().__init__(scheduler, None, on_warning)
         self.link: RelayLink = RelayLink(end)
         self.ends: dict[int, Any] = {}
-        self._numbers, self._answers = count(1), dict[int, SimpleQueue[tuple[bool, Any]]]()
-        self._ended, self._known = False, {*typesystem.BUILTIN}
+        self._made: dict[int, tuple[Any, ...]] = {}  # what was asked for each of them
+        self._numbers, self._open = count(1), dict[int, tuple[tuple[Any, ...], SimpleQueue[tuple[bool, Any]]]]()
+        self._ended, self._known = "", {*typesystem.BUILTIN}
         self._graph = -1, list[TopicInfo]()
+        self._own: tuple[Relay, threading.Thread] | None = None
+        self._parent, self.domain = os.getppid(), -1
         threading.Thread(target=self._read, name="fame relay", daemon=True).start()
         self.confined: bool = self.ask("confined")
-        self.network = self.ask("network")
+        self.network, self.domain = self.ask("network"), self.ask("domain")
 
     def ask(self, name: str, *arguments: Any, of: int = 0) -> Any:
         """Return an attribute of what this process has at the other end, or of an endpoint; of a method, its result."""
-        number = next(self._numbers)
-        answer = self._answers[number] = SimpleQueue()
-        self.link.send_object(ASK, number, (of, name, *arguments))
-        fine, value = (False, FameError(_ENDED)) if self._ended else answer.get()
+        number, answer = next(self._numbers), SimpleQueue[tuple[bool, Any]]()
+        question, _ = self._open[number] = (of, name, *arguments), answer
+        self.link.send_object(ASK, number, question)
+        fine, value = (False, FameError(self._ended)) if self._ended else answer.get()
         if not fine:
             raise value
         return value
@@ -74,13 +87,14 @@ class RelayedMiddleware(WireMiddleware):
     def add(self, end: Any, name: str, *arguments: Any) -> int:
         """Make a node or an endpoint at the other end. Returns its number."""
         number = next(self._numbers)
-        self.ends[number] = end
-        self.ask(name, number, *arguments)
+        self.ends[number], self._made[number] = end, (name, number, *arguments)
+        self.ask(*self._made[number])
         return number
 
     def remove(self, number: int) -> None:
         """Close it."""
         self.ends.pop(number, None)
+        self._made.pop(number, None)
         self.link.send_object(ASK, 0, (0, "end", number))
 
     def define(self, *types: str) -> None:
@@ -123,11 +137,34 @@ class RelayedMiddleware(WireMiddleware):
         return 0  # `connecting` asks the other process
 
     def release(self) -> None:
-        if not self._ended:
+        with suppress(FameError):
             self.ask("confined")  # all that was said before has been done
         self.link.close()
+        if self._own is not None:
+            relay, thread = self._own
+            relay.scheduler.stop()
+            thread.join()
+            relay.close()
 
     def _read(self) -> None:
+        why = _ENDED
+        try:
+            self._take_all()
+            while not self.closed and self.domain >= 0:
+                self._move()
+                self._take_all()
+        except FameError as error:
+            why = f"{_ENDED}, and {error}"
+        finally:
+            self._ended = why
+            self.link.close()
+            for _, answer in list(self._open.values()):
+                answer.put((False, FameError(why)))
+            if not self.closed:
+                self.scheduler.stop()
+
+    def _take_all(self) -> None:
+        """Take what comes until the link ends."""
         for kind, number, data in self.link.messages():
             if kind == DATA:
                 if (end := self.ends.get(number)) is not None:
@@ -136,12 +173,39 @@ class RelayedMiddleware(WireMiddleware):
                 name, argument = pickle.loads(data)
                 self.scheduler.soon(partial(getattr(self, name), argument))
             else:
-                self._answers.pop(number).put(pickle.loads(data))
-        self._ended = True
-        for answer in list(self._answers.values()):
-            answer.put((False, FameError(_ENDED)))
-        if not self.closed:
+                _, answer = self._open.pop(number, (None, None))
+                if answer is not None:  # else it was asked twice, over two links
+                    answer.put(pickle.loads(data))
+
+    def _move(self) -> None:
+        """Go on with a relay in this process. Raises ConfigError if the domain cannot be joined."""
+        relay = Relay(DataScheduler(), domain=self.domain, network=self.network)
+        if os.getppid() != self._parent:  # else it took this process, which was stopped, for gone
             self.scheduler.stop()
+        here, there = socket.socketpair()
+        engine = relay.serve(there)
+        for number, (name, *arguments) in list(self._made.items()):
+            try:
+                getattr(engine, name)(*arguments)
+            except MessageError as error:  # such as a service that another node offers by now
+                self.warn(EndpointWarning("", str(error), "backend"))
+            else:
+                for data in tuple(getattr(self.ends.get(number), "kept", ())):
+                    engine.pass_on(number, data)
+        engine.settle()
+        thread = threading.Thread(target=relay.scheduler.run, name="fame participant", daemon=True)
+        thread.start()
+        self._own = relay, thread
+        self.scheduler.soon(self._drop_requests)
+        self.link.connect(here)
+        for number, (question, _) in list(self._open.items()):
+            self.link.send_object(ASK, number, question)
+
+    def _drop_requests(self) -> None:
+        """Drop the requests without response: none comes to the clients that were made again."""
+        for end in list(self.ends.values()):
+            if isinstance(end, RelayedClient):
+                end.take_servers(frozenset())
 
 
 def _definitions(type: str) -> Iterator[tuple[Any, ...]]:
@@ -188,10 +252,13 @@ class RelayedPublisher(_Relayed, WirePublisher):
 
     def __init__(self, node: RelayedNode, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
+        lasts = qos.durability == "transient_local" and qos.lifespan is None
+        self.kept: deque[bytes] = deque(maxlen=(None if qos.history == "keep_all" else qos.depth) if lasts else 0)
         self.make((self.type,), "publisher", topic, self.type, qos)
 
     def publish(self, message: AnyMessage) -> None:
-        self.pass_on(self.pack(message))
+        self.kept.append(data := self.pack(message))
+        self.pass_on(data)
 
     def subscriber_count(self) -> int:
         return int(self.ask("subscriber_count"))
