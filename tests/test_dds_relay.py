@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -197,6 +198,21 @@ def test_an_engine_that_cannot_join_the_domain_again_stops_and_says_why(
         node.publisher("/x", INT)
 
 
+@pytest.mark.usefixtures("quick")
+def test_an_engine_that_is_stopped_leaves_after_the_lease_unless_it_goes_on(
+    here: RelayWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fame.middleware.dds.relay.lease", lambda default: default / 30)
+    for name in "AB":
+        here.node("fame_engine", name)
+    first, second = here.relay.engines
+    for engine, stopped in ((first, True), (second, True), (second, False)):
+        here._there.soon(partial(engine.on_stopped, stopped))
+    here.until(lambda: here.relay.engines == [second])
+    here.until(lambda: here.middlewares[1].node_names() == ["/A/fame_engine", "/B/fame_engine"])  # A goes on
+    assert here.relay.engines == [second]
+
+
 # ---- in processes ----------------------------------------------------------------------------------------------------
 
 
@@ -218,6 +234,19 @@ def engines(here: RelayWorld) -> Iterator[subprocess.Popen[bytes]]:
 
 def present(world: RelayWorld) -> set[str]:
     return {name for name in world.middlewares[0].node_names() if name.startswith("/R_")}
+
+
+@pytest.mark.processes
+def test_a_stopped_process_is_gone_after_the_lease_and_back_when_it_goes_on(
+    here: RelayWorld, engines: subprocess.Popen[bytes]
+) -> None:
+    first = int(Path(f"/proc/{engines.pid}/task/{engines.pid}/children").read_text().split()[0])
+    os.kill(first, signal.SIGSTOP)
+    here.until(lambda: present(here) == {"/R_2/fame_engine"})
+    os.kill(first, signal.SIGCONT)
+    here.until(lambda: present(here) == {"/R_1/fame_engine", "/R_2/fame_engine"})
+    engines.send_signal(signal.SIGINT)
+    assert engines.wait(timeout=30) == 0
 
 
 @pytest.mark.processes

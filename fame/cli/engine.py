@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -191,15 +190,15 @@ def _wait(arguments: Namespace, children: Mapping[int, str], ends: Sequence[sock
     from fame.scenario.forking import wait_for
 
     with ExitStack() as opened:
-        codes = wait_for(children, _meeting(arguments, ends, opened))
+        codes = wait_for(children, *_meeting(arguments, ends, opened))
     for name, code in codes.items():
         if code < 0:
             note(f"fame: engine {name} was ended by signal {-code}")
     return next((code if code > 0 else 1 for code in codes.values() if code), 0)
 
 
-def _meeting(arguments: Namespace, ends: Sequence[socket.socket], opened: ExitStack) -> Callable[[float], object]:
-    """Open what the engines meet in. Return how to wait for so many seconds meanwhile."""
+def _meeting(arguments: Namespace, ends: Sequence[socket.socket], opened: ExitStack) -> Sequence[Callable[..., object]]:
+    """Open what the engines meet in. Return what `wait_for` is to call meanwhile."""
     if arguments.middleware == "dds" and not arguments.lockstep:
         from fame.clock import SECOND
         from fame.scenario.process import scheduler_for
@@ -207,16 +206,18 @@ def _meeting(arguments: Namespace, ends: Sequence[socket.socket], opened: ExitSt
         scheduler = scheduler_for("dds")
         relay = load(DDS_RELAY)(scheduler, network=arguments.network)
         opened.callback(relay.close)
-        for end in ends:
-            relay.serve(end)
-        return lambda seconds: scheduler.run(scheduler.now + round(seconds * SECOND))
+        served = {name: relay.serve(end) for name, end in zip(arguments.names, ends, strict=True)}
+        return (
+            lambda seconds: scheduler.run(scheduler.now + round(seconds * SECOND)),
+            lambda name, stopped: served[name].on_stopped(stopped),
+        )
     if arguments.middleware == "zenoh" and arguments.network is None:
         from fame.middleware.wire_base import domain_id
 
         meeting = load(ZENOH_MEETING)(domain_id(), len(ends))
         if meeting is not None:
             opened.callback(meeting.close)
-    return time.sleep
+    return ()
 
 
 def _run_one(arguments: Namespace) -> int:

@@ -42,11 +42,15 @@ def fork_each(names: Sequence[str]) -> tuple[str, dict[int, str], list[socket.so
     return "", children, ends
 
 
-def wait_for(children: Mapping[int, str], rest: Callable[[float], object] = time.sleep) -> dict[str, int]:
+def wait_for(
+    children: Mapping[int, str],
+    rest: Callable[[float], object] = time.sleep,
+    on_stopped: Callable[[str, bool], object] = lambda name, stopped: None,
+) -> dict[str, int]:
     """Wait until all children have ended, and return the exit code of each; one that a signal ended has a negative one.
 
-    Meanwhile, `rest` is called with a time in s. Signals that ask to end go to all of them. They end, too, when the
-    FAME process that started this one has ended.
+    Meanwhile, `rest` is called with a time in s, and `on_stopped` for one that is stopped (True) or goes on. Signals
+    that ask to end go to all of them. They end, too, when the FAME process that started this one has ended.
     """
     left, codes = dict(children), dict[str, int]()
 
@@ -57,8 +61,10 @@ def wait_for(children: Mapping[int, str], rest: Callable[[float], object] = time
 
     with signals_call(tell):
         while left:
-            process, status = os.waitpid(-1, os.WNOHANG)
-            if process in left:
+            process, status = os.waitpid(-1, os.WNOHANG | os.WUNTRACED | os.WCONTINUED)
+            if process in left and (os.WIFSTOPPED(status) or os.WIFCONTINUED(status)):
+                on_stopped(left[process], os.WIFSTOPPED(status))
+            elif process in left:
                 codes[left.pop(process)] = os.waitstatus_to_exitcode(status)
             elif not process:
                 if orphaned():

@@ -30,7 +30,7 @@ _FIRST_PORT, _PORTS = 7400, 250
 
 _BIND_TO_DEVICE = 25  # <asm-generic/socket.h>
 _IP_BOUND_IF = 25  # <netinet/in.h> of macOS
-_LEASE = 3.0
+LEASE = 3.0
 _SHARED = f"""
 <Internal>
   <MaxSampleSize>{MAX_MESSAGE_SIZE} B</MaxSampleSize>
@@ -71,8 +71,8 @@ _confined: dict[int, bool] = {}
 
 def configuration(network: str | None) -> str:
     """Cyclone's configuration for loopback only (None), or for an interface: its name (``eth0``) or its address."""
-    after = lease(_LEASE)
-    times = f"<LeaseDuration>{after:g}s</LeaseDuration><SPDPInterval>{min(after, _LEASE):g}s</SPDPInterval>"
+    after = lease(LEASE)
+    times = f"<LeaseDuration>{after:g}s</LeaseDuration><SPDPInterval>{min(after, LEASE):g}s</SPDPInterval>"
     discovery = f"<Discovery>{times}</Discovery>"
     own = _LOOPBACK if network is None else _NETWORK.format(_interface(network))
     document = f"<CycloneDDS><Domain>{''.join((own + _SHARED).splitlines())}{discovery}</Domain></CycloneDDS>"

@@ -6,8 +6,9 @@ process that has forked the engines has the only one. Each engine has a `RelayLi
 service, so that others see no difference. Messages are passed on as CDR.
 
 An engine that ends, in whatever way, has left when its link closes. One that hangs or is stopped holds up nobody else:
-what it does not take waits here, bounded by quality of service. An engine whose link has closed, as when this process
-is killed, makes all that again on a participant of its own, with a `Relay` in a thread.
+what it does not take waits here, bounded by quality of service. After the lease, one that is stopped has left, as if it
+had a participant of its own: its link is closed. An engine whose link has closed, as when this process is killed, makes
+all that again on a participant of its own, with a `Relay` in a thread.
 
 Threads. One for each engine reads its link, and publishes. All else happens in the scheduler's.
 """
@@ -25,17 +26,18 @@ from itertools import chain, count
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from fame.clock import SECOND, WallScheduler
+from fame.clock import SECOND, Entry, WallScheduler
 from fame.errors import FameError, MessageError
 from fame.middleware import typesystem
 from fame.middleware.dds.discovery import NodeEntry
+from fame.middleware.dds.domain import LEASE
 from fame.middleware.dds.endpoints import DdsClient, DdsPublisher, DdsService, DdsSubscription, Numbers
 from fame.middleware.dds.link import ASK, DATA, EVENT, REPLY, PatientLink
 from fame.middleware.dds.middleware import DdsMiddleware, DdsNode
 from fame.middleware.dds.participant import Participant
 from fame.middleware.definitions import Definition
 from fame.middleware.interface import EndpointWarning, QoS
-from fame.middleware.wire_base import EndpointClasses, WireMiddleware, domain_id
+from fame.middleware.wire_base import EndpointClasses, WireMiddleware, domain_id, lease
 
 KEY = struct.Struct("<Q")
 """Before a request and its response: the number by which the engine knows it."""
@@ -113,6 +115,7 @@ class RelayedEngine(DdsMiddleware):
         self.waiting: list[Callable[[], object]] = []
         self.link: PatientLink = PatientLink(end, self._retry)
         self._relay, self._ends = relay, dict[int, Any]()
+        self._leaving: Entry | None = None
         threading.Thread(target=self._read, name="fame relay", daemon=True).start()
 
     def node(self, name: str, namespace: str = "", part: str = "") -> DdsNode:
@@ -127,6 +130,12 @@ class RelayedEngine(DdsMiddleware):
         if services:
             self._servers_changed(services)
             self.scheduler.soon(partial(self.link.send_object, EVENT, 0, ("on_servers_changed", services)))
+
+    def on_stopped(self, stopped: bool) -> None:
+        """Note that its process has been stopped, or goes on."""
+        if self._leaving is not None:
+            self._leaving.cancel()
+        self._leaving = self.scheduler.after(round(lease(LEASE) * SECOND), self.close) if stopped else None
 
     def settle(self) -> None:
         """Run until what is there is found, and connected to its publishers."""
