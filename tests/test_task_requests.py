@@ -112,6 +112,17 @@ def test_where_no_task_waits_the_answer_names_what_does():
     assert floor.waiting == ["ask"]
 
 
+def test_an_element_is_named_by_its_label_if_only_one_has_it():
+    labelled = MODEL.replace('"ask"/>', '"ask" name="Confirm&#10;it"/>').replace('"lift"/>', '"lift" name="Lift it"/>')
+    floor = Floor(labelled)
+    (moved,) = floor.ask(TaskRequest(id="1", element="Confirm it", act="move", to="Lift it"))
+    (back,) = floor.ask(TaskRequest(id="2", element="lift", act="move", to="Confirm it"))
+    (done,) = floor.complete("Confirm it")
+    assert [moved.answer, back.answer, done.answer, floor.waiting] == ["moved", "moved", "completed", ["lift"]]
+    (answer,) = Floor(labelled.replace("Lift it", "Confirm it")).complete("Confirm it")
+    assert (answer.answer, answer.reason.endswith("is the label of ask, lift: use an id")) == ("refused", True)
+
+
 def test_a_robot_without_a_process_refuses():
     (answer,) = Floor(model="").complete("ask")
     assert (answer.answer, answer.reason) == ("refused", "ask: the robot has no process yet")

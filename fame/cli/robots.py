@@ -237,7 +237,7 @@ def add_requests(commands: Commands) -> None:
 def _add_for_tasks(commands: Commands) -> None:
     """Requests for elements that wait for somebody."""
     completing = _add_request(
-        commands, "complete", element="id of the task; fame status shows where tokens wait",
+        commands, "complete", element="id or label; fame status shows where tokens wait",
         examples=("fame complete REX Task_Inspect", "fame complete REX Task_Release --value approved=true"),
         help="complete a user, manual or receive task of a running robot, with its results",
     )  # fmt: skip
@@ -246,7 +246,7 @@ def _add_for_tasks(commands: Commands) -> None:
         help="a result, which becomes a variable: a number, text, true, false, a list; repeatable",
     )  # fmt: skip
     _add_request(
-        commands, "activate", element="id of the element; fame status shows which can start",
+        commands, "activate", element="id or label; fame status shows which can start",
         examples=("fame activate REX Task_Photo", "fame activate REX Task_Photo --json"),
         help="start an element of an open ad-hoc sub-process of a running robot, again if it has already run",
     )  # fmt: skip
@@ -284,7 +284,7 @@ def _add_for_missions(commands: Commands) -> None:
 def _add_for_tokens(commands: Commands) -> None:
     """Requests that repair a mission at an element."""
     retrying = _add_request(
-        commands, "retry", element="id of the element; fame status shows the incidents",
+        commands, "retry", element="id or label; fame status shows the incidents",
         examples=("fame retry REX Task_Grip", "fame retry REX Task_Grip --set force=12"),
         help="execute a failed element of a running robot again (fame engine --on-error hold)",
     )  # fmt: skip
@@ -293,26 +293,26 @@ def _add_for_tokens(commands: Commands) -> None:
         help="set a variable first; repeatable",
     )  # fmt: skip
     _add_request(
-        commands, "skip", element="id of the element where the token waits; it is cancelled",
+        commands, "skip", element="id or label of where the token waits; it is cancelled",
         examples=("fame skip REX Task_Grip", "fame skip REX Task_Grip --key team.key"),
         help="let a running robot go on behind an element, without its results, by its default flow if it has one",
     )  # fmt: skip
     _add_request(
-        commands, "restart", element="id of the element where the token is, as a drawn call activity; it is cancelled",
+        commands, "restart", element="id or label of what holds the token, as a call activity; it is cancelled",
         examples=("fame restart REX Task_GoTo",),
         help="execute an element of a running robot again from its beginning",
     )  # fmt: skip
     _add_request(
-        commands, "fail", element="id of the element where the token is; it is cancelled",
+        commands, "fail", element="id or label of where the token is; it is cancelled",
         examples=("fame fail REX Task_GoTo",),
         help="raise the error taken_over at an element of a suspended robot, whose mission continues",
     )  # fmt: skip
     moving = _add_request(
-        commands, "move", element="id of the element where the token waits; it is cancelled", metavar="FROM",
+        commands, "move", element="id or label of where the token waits; it is cancelled", metavar="FROM",
         examples=("fame move REX Task_Grip Task_Ask",),
         help="move a token of a running robot to another element of the same scope",
     )  # fmt: skip
-    moving.add_argument("to", metavar="TO", help="id of the element that starts instead")
+    moving.add_argument("to", metavar="TO", help="id or label of what starts instead")
 
 
 def _add_request(

@@ -24,7 +24,7 @@ from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed, unreadable
 from fame.deploy.machine import unexpected
 from fame.deploy.signing import ANOTHER_RUN, FRESH, with_signature
-from fame.errors import DeploymentError, FameError
+from fame.errors import DeploymentError, FameError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from fame.text import printable, read_json
@@ -195,9 +195,10 @@ class TaskServer:
             return "refused", f"{request.element}: {reason}" if request.element else reason
         name = printable(request.who)
         who = ", ".join(filter(None, (name, signer))) if signer else f"{name or 'unknown'} (unverified)"
-        others = node.others_at(request.element, request.act) if request.act in _OF_TOKENS else 0
-        said = [f"{request.element}: the first of {others + 1} there"] if others else []
         try:
+            request = _with_ids(request, node)
+            others = node.others_at(request.element, request.act) if request.act in _OF_TOKENS else 0
+            said = [f"{request.element}: the first of {others + 1} there"] if others else []
             match request.act:
                 case "activate":
                     node.activate(request.element)
@@ -237,6 +238,21 @@ class TaskServer:
         except Exception as error:
             return "refused", unexpected(error)
         return _DONE[request.act], "; ".join(said)
+
+
+def _with_ids(request: TaskRequest, node: RobotNode) -> TaskRequest:
+    """The request with the ids of the elements that it names by a label. Raises MissionError for one of several."""
+    from fame.bpmn.model import ids_named
+
+    if request.act not in (*_OF_TOKENS, "activate"):
+        return request
+    ids = []
+    for name in (request.element, request.to):
+        found = ids_named((one for _, one in node.mission.flow_nodes()), name) or [name]
+        if len(found) > 1:
+            raise MissionError(f"is the label of {', '.join(found)}: use an id", element=name)
+        ids += found
+    return replace(request, element=ids[0], to=ids[1])
 
 
 class TaskClient:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.linked_forms import form_of, unfit_values
-from fame.bpmn.model import CallActivity, Definitions, FlowNode, Task
+from fame.bpmn.model import CallActivity, Definitions, FlowNode, Task, ids_named
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, find_scope, of_error
 from fame.check.service_topics import served_topics
@@ -299,14 +299,12 @@ def _completions(
         if done.robot not in nodes:
             text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(nodes)}"
             raise content.source.error(f"{place}.robot" if place else "", text)
-        label, tasks = " ".join(done.element.split()), [node for _, node in nodes[done.robot]]
-        ids = [node.id for node in tasks if node.id == done.element] or [
-            node.id for node in tasks if node.label == label
-        ]
-        if len({*ids}) != 1:
+        tasks = [node for _, node in nodes[done.robot]]
+        ids = ids_named(tasks, done.element)
+        if len(ids) != 1:
             known = ", ".join(dict.fromkeys(node.display_name for node in tasks))
             text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; " + (
-                f"this is the label of {', '.join(dict.fromkeys(ids))}" if ids else f"it has {known or 'none'}"
+                f"this is the label of {', '.join(ids)}" if ids else f"it has {known or 'none'}"
             )
             raise content.source.error(f"{place}.element" if place else "", text)
         if wrong := unfit_values(nodes[done.robot], ids[0], done.values):

@@ -66,5 +66,6 @@ from fame.bpmn.model.flow_nodes import (
     SubProcess as SubProcess,
     Task as Task,
     TaskKind as TaskKind,
+    ids_named as ids_named,
 )
 from fame.bpmn.model.forms import NOBODY as NOBODY, FieldKind as FieldKind, FormField as FormField, Human as Human

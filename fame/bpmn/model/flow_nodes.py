@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal, TypeVar
 
 from fame.bpmn.model.elements import (
@@ -170,6 +170,13 @@ PLACES: Mapping[str, EventPosition] = {
 }
 """XML tag -> value."""
 _OnTopic = SignalDefinition | MessageDefinition
+
+
+def ids_named(nodes: Iterable[FlowNode], name: str) -> list[str]:
+    """Return the ids of the nodes with this id, else of those with this label, each once."""
+    nodes, label = list(nodes), " ".join(name.split())
+    found = [node.id for node in nodes if node.id == name] or [node.id for node in nodes if node.label == label]
+    return list(dict.fromkeys(found))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
