@@ -36,7 +36,7 @@ from fame.clock import SECOND
 from fame.engine.snapshot import snapshot
 from fame.robot.journal import Journal, read_segment
 from fame.robot.state_tables import restore_engine
-from fame.robot.stored_values import Loader, dump
+from fame.robot.stored_values import StoredValues, dump
 
 
 def on(name: str, payload: Any = None) -> Step:
@@ -165,7 +165,7 @@ def test_every_record_gives_the_state_of_the_engine_at_that_time(name: str, tmp_
     play(whole, [Until(0), *steps])
     whole.close()
     found = read_segment(*(tmp_path / "whole").glob("journal-*"))
-    node, load = whole.node, Loader(whole.node.mission)
+    node, load = whole.node, StoredValues(whole.node.mission).load
     for records, state in states.items():
         if state is not None:
             again = restore_engine(state_at(found, records), node.engine.program, node.host, dict, load)
@@ -225,6 +225,26 @@ def test_a_value_that_is_nested_too_deeply_is_lost_alone(tmp_path: Path, depth: 
     assert run.simulation.instances[0].variables == {"x": None, "y": 1, "n": depth - 1}
     (values,) = [each["set"]["values"] for each in read_segment(*tmp_path.glob("journal-*")).records()]
     assert values == {"0 x": None, "0 y": 1, "0 n": depth - 1}
+
+
+@pytest.mark.parametrize("value", ["[[10**5000]]", "int", "[len, heappush]"])
+def test_numbers_of_any_length_and_what_scripts_are_given_survive_a_crash(value: str, tmp_path: Path) -> None:
+    first = script("a", f"from heapq import heappush\nx = {value}\nz = 10**5000")
+    run = resumed(
+        start() + first + user("u") + script("b", f"same = x == {value}, z == 10**5000") + path("s a u b"), tmp_path
+    )
+    run.simulation.complete("u")
+    assert run.simulation.instances[0].variables["same"] == (True, True)
+
+
+def test_a_token_in_a_loop_over_what_cannot_be_stored_goes_on(tmp_path: Path) -> None:
+    each = '<multiInstanceLoopCharacteristics camunda:collection="x" camunda:elementVariable="i" isSequential="true"/>'
+    loop = sub("p", each + start("ps") + user("u") + script("k", "seen += [i]") + end("pe") + path("ps u k pe"))
+    deep = script("a", "x, seen = 1, []\nfor n in range(3000): x = [x]\nx = [x, 2]")
+    run = resumed(start() + deep + loop + path("s a p"), tmp_path)
+    play(run, [done("u"), done("u")])
+    assert run.simulation.instances[0].variables["seen"][1:] == [2]
+    assert run.simulation.instances[0].status == "completed"
 
 
 def test_values_that_become_equal_ones_of_another_type_are_stored(tmp_path: Path) -> None:

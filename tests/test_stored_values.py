@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import heapq
 import json
 import math
+import os
 import re
-from collections import defaultdict, deque
+import subprocess
+from collections import ChainMap, defaultdict, deque, namedtuple
 from datetime import UTC, date, datetime, timedelta
 from decimal import Decimal
 from fractions import Fraction
+from functools import reduce
 from pathlib import Path
+from random import uniform
 from typing import Any
 
 import pytest
@@ -18,21 +23,25 @@ from bpmn_text import process
 import fame
 from fame.bpmn.reader import read_text
 from fame.engine.encoding import decode, encode
+from fame.engine.host import BpmnError
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages
-from fame.robot.stored_values import Loader, dump, refuse_unstorable
+from fame.robot.stored_values import StoredValues, refuse_unstorable
+from fame.scripting.requests import Sleep
 
 MODEL = read_text(
     process(
-        '<startEvent id="s"/><scriptTask id="a"><script>import math\nfrom os.path import join</script></scriptTask>'
+        '<startEvent id="s"/><scriptTask id="a"><script>import os, heapq\nfrom os.path import join\n'
+        "from functools import reduce\nfrom random import uniform</script></scriptTask>"
     ),
     file="m.bpmn",
 )
-LOADER = Loader(fame.Simulation(MODEL).node.mission)
+MISSION = fame.Simulation(MODEL).node.mission
+STORED = StoredValues(MISSION)
 
 
 def again(value: Any) -> Any:
-    return decode(json.loads(json.dumps(encode(value, dump))), LOADER)
+    return decode(json.loads(json.dumps(encode(value, STORED.dump))), STORED.load)
 
 
 @pytest.mark.parametrize(
@@ -41,6 +50,8 @@ def again(value: Any) -> Any:
         1 + 2j, math.inf, -0.0, 10**30, "ü\x00", b"\xff", bytearray(b"x"), (1, [2, {"k": {3}}]), {1: "a", (2, 3): None},
         {"$dict": 1}, datetime(2026, 1, 2, 3, tzinfo=UTC), date(2026, 1, 2), timedelta(1, 2, 3), Decimal("1.10"),
         Fraction(1, 3), range(1, 9, 2), deque([1, (2,)], 5), Path("a/b"), [math, math.hypot],
+        [10**5000], [1, -(10**5000)], {10**5000: 1}, [None, "a", 10**5000], Fraction(10**5000, 3), range(10**5000),
+        int, len, ValueError, os.path, os.path.join, os.getcwd, heapq.heappush, reduce, uniform, BpmnError, Sleep,
         {"path": Path("x"), "z": [1j]}, messages.create("geometry_msgs/msg/Point", {"x": 1.5}),
     ],
 )  # fmt: skip
@@ -48,6 +59,10 @@ def test_it_is_the_same_again(value: Any) -> None:
     found = again(value)
     assert found == value
     assert type(found) is type(value)
+
+
+def test_a_mapping_that_is_no_dict_becomes_one() -> None:
+    assert again(ChainMap({"message": 1}, {"a": 2})) == {"message": 1, "a": 2}
 
 
 def test_a_dict_with_defaults_loses_only_these() -> None:
@@ -62,17 +77,61 @@ def test_an_array_is_one_again() -> None:
     assert (found == value).all()
 
 
-@pytest.mark.parametrize("value", [object(), lambda: 1, (i for i in ())])
+def test_a_number_of_numpy_is_one_again() -> None:
+    numpy = pytest.importorskip("numpy")
+    assert type(again(numpy.int32(3))) is numpy.int32
+
+
+@pytest.mark.parametrize(
+    "make", ["zeros(1).view(numpy.recarray)", "zeros(1, [('a', 'i4')])", "array([[1, 2], None], object)[:1]"]
+)
+def test_an_array_that_would_be_another_one_is_not_stored(make: str) -> None:
+    numpy = pytest.importorskip("numpy")
+    with pytest.raises(MissionError, match="cannot be kept in a snapshot"):
+        again(eval(f"numpy.{make}", {"numpy": numpy}))
+
+
+class Fails(dict[str, Any]):
+    """An object of a library whose own code fails."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise RuntimeError(name)
+
+    def items(self) -> Any:
+        raise RuntimeError("items")
+
+
+class FailsAsObject:
+    def __getattribute__(self, name: str) -> Any:
+        raise RuntimeError(name)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        object(), lambda: 1, (i for i in ()), eval, open, __import__, Fails, [Fails(a=1)], [FailsAsObject()],
+        type(None), subprocess.run, namedtuple("Pair", "a b")(1, 2),
+    ],
+)  # fmt: skip
 def test_what_cannot_be_stored_is_said(value: Any) -> None:
     with pytest.raises(MissionError, match="cannot be kept in a snapshot"):
         again(value)
 
 
 def test_nothing_is_imported_that_no_script_imports() -> None:
-    import subprocess
+    lost: list[str] = []
+    load = StoredValues(MISSION, lost.append).load
+    for module, name in (("subprocess", "run"), ("builtins", "eval"), ("_heapq", "heappush")):
+        assert decode([1, {"$object": {"module": module, "name": name}}], load) == [1, None]
+    assert lost[0] == (
+        "a value of the state is lost: subprocess run is of no module that a script of the model imports"
+    )
+    assert len(lost) == 3
 
-    with pytest.raises(MissionError, match="module subprocess, which no script of the model imports"):
-        again(subprocess.run)
+
+def test_names_of_modules_do_not_lead_into_their_loaders() -> None:
+    with pytest.raises(MissionError, match="cannot be imported again"):
+        STORED.load({"module": "math", "name": "__loader__"})
 
 
 # ---- models whose state cannot be stored -----------------------------------------------------------------------------

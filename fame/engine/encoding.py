@@ -15,22 +15,34 @@ Convert = Callable[[Any], Any]
 
 def no_data(value: Any) -> Any:
     """Reject values that cannot be serialised. Raises MissionError."""
-    raise MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: it is not plain data")
+    raise _unstorable(value, "it is not plain data")
 
 
+def _unstorable(value: Any, reason: str) -> MissionError:
+    return MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: {reason}")
+
+
+_GREATEST = 2**2048
+"""Greatest integer that is written in digits: Python may be set to refuse texts of more than 640 digits."""
 _KNOWN = frozenset({bool, int, str, type(None)})
 
 
 def encode(value: Any, dump: Convert = no_data) -> Any:
     """Return a value as data for JSON. `dump` makes data of values of other types, and may raise MissionError, as this
-    does for a value that is nested too deep."""
+    does for a value that is nested too deep, or whose own code fails."""
     try:
         return _encode(value, dump)
     except RecursionError:
         raise MissionError("a value cannot be kept in a snapshot: it is nested too deep") from None
+    except (MissionError, MemoryError):
+        raise
+    except Exception as error:  # of the code of a library
+        raise _unstorable(value, f"{type(error).__name__}: {error}") from error
 
 
 def _encode(value: Any, dump: Convert) -> Any:
+    if isinstance(value, int) and not -_GREATEST <= value <= _GREATEST:
+        return {"$int": f"{value:x}"}
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
     if isinstance(value, float):
@@ -39,7 +51,7 @@ def _encode(value: Any, dump: Convert) -> Any:
         return {"$bytes": value.hex()}
     if isinstance(value, list):
         return list(value) if _is_plain(value) else [_encode(item, dump) for item in value]
-    if isinstance(value, tuple | set | frozenset):
+    if isinstance(value, set | frozenset) or type(value) is tuple:
         items = value if isinstance(value, tuple) else sorted_set(value)
         return {f"${type(value).__name__}": [_encode(item, dump) for item in items]}
     if isinstance(value, dict):
@@ -52,7 +64,10 @@ def _encode(value: Any, dump: Convert) -> Any:
 def _is_plain(items: list[Any]) -> bool:
     """Return whether JSON has the types of all items: a call for each of many thousands of items is too slow."""
     kinds = set(map(type, items))
-    return kinds <= _KNOWN or (kinds == {float} and all(map(math.isfinite, items)))
+    if kinds == {float}:
+        return all(map(math.isfinite, items))
+    numbers = [item for item in items if item.__class__ is int] if int in kinds and kinds <= _KNOWN else ()
+    return kinds <= _KNOWN and (not numbers or (min(numbers) >= -_GREATEST and max(numbers) <= _GREATEST))
 
 
 def decode(data: Any, load: Convert = no_data) -> Any:
@@ -70,6 +85,7 @@ def decode(data: Any, load: Convert = no_data) -> Any:
 
 _DECODERS: dict[str, Callable[[Any, Convert], Any]] = {
     "$float": lambda inner, load: float(inner),
+    "$int": lambda inner, load: int(inner, 16),
     "$bytes": lambda inner, load: bytes.fromhex(inner),
     "$tuple": lambda inner, load: tuple(decode(inner, load)),
     "$set": lambda inner, load: set(decode(inner, load)),

@@ -54,11 +54,18 @@ _write_engine, _read_engine = writing(ENGINE), reading(ENGINE)
 # ---- to data -------------------------------------------------------------------------------------
 
 
-def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | None = None) -> Data:
+def snapshot(
+    engine: Engine,
+    *,
+    dump: Convert = no_data,
+    dicts: VariableTable | None = None,
+    lost: Callable[[MissionError], Data] | None = None,
+) -> Data:
     """Return the state of an engine between two stimuli, as data for JSON.
 
-    `dump` makes plain data of other values (messages, arrays). Raises MissionError for values that it cannot. `dicts`
-    numbers and writes the dicts of variables, by default anew for each snapshot.
+    `dump` makes plain data of other values (messages, arrays). Raises MissionError for values that it cannot, unless
+    `lost` makes data of the error, for those that are in no variable. `dicts` numbers and writes the dicts of
+    variables, by default anew for each snapshot.
     """
     if engine.ready:
         raise RuntimeError("a snapshot is taken between two stimuli")
@@ -67,15 +74,17 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
     boxes = dict.fromkeys(box for scope in scopes for box in (scope.mail or {}).values())
     boxes |= dict.fromkeys(wait.box for wait in waits if wait.box is not None)
     dicts = dicts or _Dicts()
-    to = StateWriter(dicts, engine.program.body_keys, dump)
+    to = StateWriter(dicts, engine.program.body_keys, dump, lost)
     objects = {"instances": engine.instances.values(), "scopes": scopes, "waits": waits, "boxes": boxes}
     tables = {name: [write(item, to) for item in objects[name]] for name, write in _write.items()}
     return {**_once(engine, to), **tables, "variables": dicts.written(dump)}
 
 
-def without_instances(engine: Engine, dump: Convert = no_data) -> Data:
+def without_instances(
+    engine: Engine, dump: Convert = no_data, lost: Callable[[MissionError], Data] | None = None
+) -> Data:
     """Return the part of a snapshot that is there without running instances too."""
-    return _once(engine, StateWriter(_Dicts(), {}, dump))
+    return _once(engine, StateWriter(_Dicts(), {}, dump, lost))
 
 
 def _once(engine: Engine, to: StateWriter) -> Data:

@@ -32,11 +32,29 @@ class VariableTable(Protocol):
 
 @dataclass(slots=True)
 class StateWriter:
-    """What fields need to become data: numbers of dicts of variables, keys of bodies, data of other values."""
+    """What fields need to become data: numbers of dicts of variables, keys of bodies, data of other values.
+
+    `lost` makes data in place of a value that cannot become data; without it, MissionError is raised.
+    """
 
     dicts: VariableTable
     bodies: Mapping[Body, str]
     dump: Convert
+    lost: Callable[[MissionError], Data] | None = None
+
+    def data(self, value: Any, levels: int = 2) -> Any:
+        """Return the data of a value, of outer `levels` of fields and lists as much as can be. Raises MissionError."""
+        try:
+            return encode(value, self.dump)
+        except MissionError as error:
+            if self.lost is None:
+                raise
+            if levels and type(value) is list:
+                return [self.data(item, levels - 1) for item in value]
+            if levels and type(value) is dict:
+                fields = [[name, self.data(item, levels - 1)] for name, item in value.items()]
+                return {"$dict": fields}
+            return self.lost(error)
 
 
 @dataclass(slots=True)
@@ -118,7 +136,7 @@ def _read_continuations(data: list[Any], of: Reader) -> dict[int, Any]:
 VALUE = FieldCodec(lambda value, to: value, lambda data, of: data)
 COUNTS = FieldCodec(lambda counts, to: counts.copy(), lambda data, of: list(data))
 NUMBER = FieldCodec(lambda number, to: str(number), lambda data, of: int(data))
-DATA = FieldCodec(lambda value, to: encode(value, to.dump), lambda data, of: decode(data, of.load))
+DATA = FieldCodec(lambda value, to: to.data(value), lambda data, of: decode(data, of.load))
 ERROR = FieldCodec(_write_error, _read_error)
 VARIABLES = FieldCodec(lambda variables, to: to.dicts.number(variables), lambda number, of: of.dicts[number])
 NODE = FieldCodec(lambda node, to: node.key, lambda key, of: of.nodes.get(key), single=True)

@@ -33,7 +33,7 @@ from fame.robot.node import RobotNode
 from fame.robot.restoring import epoch_of, follow_cancelled, go_on, set_timers, tables_of
 from fame.robot.state_tables import StateTables, TableRows, Tables, instance_data
 from fame.robot.state_transfer import arm_taken_over
-from fame.robot.stored_values import plain_messages
+from fame.robot.stored_values import StoredValues, plain_messages
 from fame.scripting.requests import Act, Call
 
 RECOVERED = "~/recovered"
@@ -89,7 +89,8 @@ class DurableRecorder:
         self._answers, self._has_answered = {} if answers is None else answers, False
         journal.failed = self._fail
         self._epoch = epoch_of(node)
-        self._tables = StateTables(node.engine, self._report_unstorable)
+        self._dump = StoredValues(node.mission).dump
+        self._tables = StateTables(node.engine, self._report_unstorable, self._dump)
         self._outbox: list[_Effect] = []
         self._leaving: dict[str, list[_Effect]] = {}  # by batch: the effects of one stimulus
         self._recorded: dict[str, list[Any]] = {}
@@ -101,7 +102,7 @@ class DurableRecorder:
         self._given_up: TableRows = {}  # goals that were cancelled before the resumption
         over = [instance for instance in node.instances if instance.status != "running"][-_ENDED:]
         program = node.engine.program
-        self._ended: dict[str, Any] = {str(each.key): instance_data(each, program) for each in over}
+        self._ended: dict[str, Any] = {str(each.key): instance_data(each, program, self._dump) for each in over}
         self._has_ended = bool(over)
         self._reported: set[tuple[str, str]] = set()
         self._note = ""
@@ -225,7 +226,7 @@ class DurableRecorder:
         return self._epoch + self.node.scheduler.now
 
     def instance_ended(self, instance: Any) -> None:
-        self._ended[str(instance.key)], self._has_ended = instance_data(instance, instance.program), True
+        self._ended[str(instance.key)], self._has_ended = instance_data(instance, instance.program, self._dump), True
         for key in list(self._ended)[:-_ENDED]:
             del self._ended[key]
 

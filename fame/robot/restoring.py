@@ -25,7 +25,7 @@ from fame.robot.state_tables import (
     restore_engine,
     slots_of,
 )
-from fame.robot.stored_values import Loader
+from fame.robot.stored_values import StoredValues
 from fame.robot.suspension import SUSPENDED
 
 _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
@@ -119,7 +119,8 @@ def restored(node: RobotNode, contents: SegmentContents) -> Tables:
     tables: Tables = {}
     for change in contents.records():
         fold(tables, change)
-    load, program, moved = Loader(node.mission), node.engine.program, dict[str, str]()
+    load = StoredValues(node.mission, lambda reason: node.host.report("", reason)).load
+    program, moved = node.engine.program, dict[str, str]()
     elements = contents.header.get("elements", program.elements)
     if "elements" not in contents.header:  # FAME 0.2 named what it had made of the model; an envelope has the text
         if "simulation" in contents.header and tables["engine"]["program"] != program.made:
@@ -159,11 +160,12 @@ def last_time(contents: SegmentContents) -> int:
 def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
     """Write the state of a robot between two stimuli into a file. Raises ConfigError."""
     lost: list[str] = []
-    tables = StateTables(node.engine, lambda name, reason: lost.append(f"variable {name}: {reason}"))
+    dump = StoredValues(node.mission).dump
+    tables = StateTables(node.engine, lambda name, reason: lost.append(f"variable {name}: {reason}"), dump)
     over = [instance for instance in node.instances if instance.status != "running"]
     more = {
         **tables_of(node, epoch_of(node)),
-        "ended": {str(each.key): instance_data(each, each.program) for each in over},
+        "ended": {str(each.key): instance_data(each, each.program, dump) for each in over},
     }
     state = tables.changes(more, whole=True)
     if lost:

@@ -39,12 +39,12 @@ import orjson
 
 from fame.engine import Engine, Instance, Variables, restore, snapshot
 from fame.engine.data import is_data
-from fame.engine.encoding import decode, encode
+from fame.engine.encoding import Convert, decode, encode
 from fame.engine.host import Host
 from fame.engine.program import Program
 from fame.engine.snapshot import without_instances
 from fame.errors import MissionError
-from fame.robot.stored_values import dump, message_json
+from fame.robot.stored_values import message_json
 
 TableRows = dict[str, Any]
 Tables = dict[str, TableRows]
@@ -78,11 +78,12 @@ class StateTables:
     """The tables of one engine, and how they were the last time.
 
     unstorable  called with the name of a variable whose value cannot be stored, and the reason
+    dump        makes plain data of values that JSON lacks, or raises MissionError
     """
 
-    def __init__(self, engine: Engine, unstorable: Callable[[str, str], object]) -> None:
-        self._engine, self._unstorable = engine, unstorable
-        self._variables = _VariableTable(unstorable)
+    def __init__(self, engine: Engine, unstorable: Callable[[str, str], object], dump: Convert) -> None:
+        self._engine, self._unstorable, self._plain = engine, unstorable, dump
+        self._variables = _VariableTable(unstorable, dump)
         self._last: Tables = {}
         self._contents: dict[str, dict[str, bytes | str]] = {}
         self._counts: dict[int, list[int]] = {}
@@ -99,7 +100,7 @@ class StateTables:
         if self._engine.instances or self._counts or whole:
             data = self._running(change)
         else:  # as for most of the time: nothing runs, and nothing did
-            data = without_instances(self._engine, self._dump)
+            data = without_instances(self._engine, self._dump, self._lost)
             self._note_tables(change, {name: data.pop(name) for name in _MAPPED})
         self._note_tables(change, {"engine": data, **more})
         return change
@@ -107,7 +108,7 @@ class StateTables:
     def _running(self, change: _Change) -> TableRows:
         """Note what has changed in instances. Returns what the engine has once."""
         self._variables.begin()
-        data = snapshot(self._engine, dump=self._dump, dicts=self._variables)
+        data = snapshot(self._engine, dump=self._dump, dicts=self._variables, lost=self._lost)
         del data["variables"]
         for name in _KEYED:
             data[name] = {str(item["key"]): item for item in data[name]}
@@ -149,10 +150,14 @@ class StateTables:
     def _dump(self, value: Any) -> Any:
         """Data of a value outside the variables; nothing for one that cannot be stored."""
         try:
-            return dump(value)
+            return self._plain(value)
         except MissionError as error:
             self._unstorable("", str(error))
             return {"lost": type(value).__name__}
+
+    def _lost(self, error: MissionError) -> Any:
+        self._unstorable("", str(error))
+        return encode(None)
 
     def _changed_counts(self) -> tuple[TableRows, list[str]]:
         changed: TableRows = {}
@@ -185,8 +190,8 @@ def _content(value: Any) -> bytes | str:
 class _VariableTable:
     """The dicts of variables under numbers that stay, and what has changed in them."""
 
-    def __init__(self, unstorable: Callable[[str, str], object]) -> None:
-        self._unstorable = unstorable
+    def __init__(self, unstorable: Callable[[str, str], object], dump: Convert) -> None:
+        self._unstorable, self._dump = unstorable, dump
         self._numbers: dict[int, int] = {}
         self._dicts: dict[int, dict[str, Any]] = {}
         self._known: dict[int, dict[str, tuple[Any, Any]]] = {}  # name -> value, and its content if it may change
@@ -243,7 +248,7 @@ class _VariableTable:
                 left_out += 1
             elif value.__class__ in _ATOMS:
                 if old is None or old[0].__class__ is not value.__class__ or old[0] != value:
-                    known[name], values[f"{number} {name}"] = (value, None), value
+                    known[name], values[f"{number} {name}"] = (value, None), encode(value)
             else:
                 self._note_value(f"{number} {name}", name, value, known, values)
         if len(known) + left_out != len(variables):
@@ -257,7 +262,7 @@ class _VariableTable:
     ) -> None:
         """Note a value whose content may change in place, if it has changed."""
         old = known.get(name)
-        type: Any = getattr(value, "__msgtype__", None)
+        type: Any = getattr(value.__class__, "__msgtype__", None)
         text = message_json(type, value) if type is not None else None
         if text is not None:
             if old is None or old[1] != text:
@@ -270,10 +275,10 @@ class _VariableTable:
                 return
             if len(content) > _LARGE:
                 bytearray(8 * len(content))  # raises MemoryError, where orjson would crash
-            values[key] = encode(value, dump)
+            values[key] = encode(value, self._dump)
         except (ValueError, MissionError):
             try:
-                encoded = encode(value, dump)
+                encoded = encode(value, self._dump)
                 content = json.dumps(encoded)
             except (MissionError, TypeError, ValueError, RecursionError) as error:
                 if old is None or old[0] is not value:
@@ -349,7 +354,7 @@ def _renumbered(record: list[Any], numbers: Mapping[int, int]) -> list[Any]:
     return [node, numbers[variables], [_renumbered(item, numbers) for item in inner]]
 
 
-def instance_data(instance: Instance, program: Program) -> dict[str, Any]:
+def instance_data(instance: Instance, program: Program, dump: Convert) -> dict[str, Any]:
     """Return an instance that is over, as plain data. Values that cannot be stored are left out.
 
     If it was one of another program, its completed elements are counted at those of the same ids.
@@ -357,7 +362,7 @@ def instance_data(instance: Instance, program: Program) -> dict[str, Any]:
     values = {}
     for name, value in instance.root_variables.items():
         if value.__class__ in _ATOMS and name[:2] != "__":
-            values[name] = value
+            values[name] = encode(value)
         elif is_data(name, value):
             with suppress(MissionError):
                 values[name] = encode(value, dump)

@@ -1,16 +1,19 @@
 """Values of variables as plain data, for a journal: messages, arrays, modules, and what modules offer.
 
-A module, or a function or class that a module offers, is stored as its name, and imported again. What a script has
-defined itself cannot be stored: `unstorable` names it when a model is loaded.
+A module, or a function or class that a module offers, is stored as its name, and imported again: what FAME gives to
+scripts, and what modules offer that scripts of the mission import. What a script has defined itself cannot be stored:
+`refuse_unstorable` names it when a model is loaded.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from base64 import b64decode, b64encode
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import date, datetime, timedelta
 from decimal import Decimal
 from fractions import Fraction
@@ -27,6 +30,7 @@ from fame.engine.encoding import no_data
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages, typesystem
 from fame.robot.mission import Mission, expressions_of
+from fame.scripting import interface
 from fame.scripting.effects import effects_of
 from fame.scripting.python_effects import syntax_tree
 
@@ -37,7 +41,10 @@ _SIMPLE: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     date: (date.isoformat, date.fromisoformat),
     timedelta: (lambda value: [value.days, value.seconds, value.microseconds], lambda data: timedelta(*data)),
     Decimal: (str, Decimal),
-    Fraction: (str, Fraction),
+    Fraction: (
+        lambda value: [value.numerator, value.denominator],
+        lambda data: Fraction(data) if isinstance(data, str) else Fraction(*data),  # FAME 0.2 wrote texts
+    ),
     range: (lambda value: [value.start, value.stop, value.step], lambda data: range(*data)),
     deque: (lambda value: [value.maxlen, list(value)], lambda data: deque(data[1], data[0])),
     PosixPath: (str, Path),
@@ -77,43 +84,111 @@ def _is_encoded_directly(type: str) -> bool:
     )
 
 
-def dump(value: Any) -> Any:
-    """Plain data of a value that JSON lacks. Raises MissionError for one that cannot be stored."""
-    if hasattr(value, "__msgtype__"):
+def dump(value: Any, name_of: Callable[[Any], tuple[str, str] | None] | None = None) -> Any:
+    """Return plain data of a value that JSON lacks. `name_of` gives the module and name of what is stored by its
+    name, None of what cannot be (by default, what any module offers can be).
+
+    Raises MissionError for a value that cannot be stored, also if its own code fails.
+    """
+    try:
+        return _dump(value, name_of or _offered)
+    except (MissionError, MemoryError, RecursionError):
+        raise
+    except Exception as error:  # of the code of a library
+        kind = type(value).__name__
+        raise MissionError(f"a {kind} cannot be kept in a snapshot: {type(error).__name__}: {error}") from error
+
+
+def _dump(value: Any, name_of: Callable[[Any], tuple[str, str] | None]) -> Any:
+    if hasattr(type(value), "__msgtype__"):
         return {"message": value.__msgtype__, "value": messages.to_mapping(value)}
     simple = _SIMPLE.get(type(value))
     if simple is not None:
         return {"type": type(value).__name__, "value": simple[0](value)}
-    if isinstance(value, ModuleType):
-        return {"module": value.__name__}
-    if callable(value) and _is_offered(value):
-        return {"module": value.__module__, "name": value.__qualname__}
-    if type(value).__module__ == "numpy" and hasattr(value, "tolist"):
-        plain = value.dtype.kind in "biufc"  # numbers: their bytes
-        data = b64encode(value.tobytes()).decode() if plain else value.tolist()
-        return {"array": data, "type": value.dtype.str if plain else str(value.dtype), "shape": list(value.shape)}
-    if isinstance(value, Mapping):
-        return dict(value)
+    if (isinstance(value, ModuleType) or callable(value)) and (name := name_of(value)) is not None:
+        return {"module": name[0], "name": name[1]}
+    if type(value).__module__ == "numpy" and (array := _array(value)):
+        return array
+    if isinstance(value, Mapping) and not isinstance(value, dict):
+        return {"mapping": dict(value)}
     return no_data(value)
 
 
-def _is_offered(value: Any) -> bool:
-    """Whether a module offers a function or class under its name."""
-    offered: Any = sys.modules.get(getattr(value, "__module__", None) or "")
-    for name in getattr(value, "__qualname__", "<>").split("."):
-        offered = getattr(offered, name, None)
-    return offered is value
+def _array(value: Any) -> dict[str, Any] | None:
+    """Data of an array or number of numpy; None for other classes, and for fields or bytes without a meaning."""
+    import numpy
+
+    single = isinstance(value, numpy.generic)
+    if not (single or type(value) is numpy.ndarray) or value.dtype.kind == "V":
+        return None
+    plain = value.dtype.kind in "biufc"  # numbers: their bytes
+    data = b64encode(value.tobytes()).decode() if plain else value.tolist()
+    if value.dtype.kind == "O" and numpy.array(data, dtype=object).shape != value.shape:
+        return None  # lists in it would become dimensions
+    shape = None if single else list(value.shape)
+    return {"array": data, "type": value.dtype.str if plain else str(value.dtype), "shape": shape}
 
 
-class Loader:
-    """Restores the values. Only modules that the scripts of the mission import are imported."""
+def _own_name(value: Any) -> tuple[str, str]:
+    """The module of a function or class, and its name there, as it says itself; of a module no name."""
+    if isinstance(value, ModuleType):
+        return value.__name__, ""
+    return getattr(value, "__module__", None) or "", getattr(value, "__qualname__", None) or "<>"
 
-    def __init__(self, mission: Mission) -> None:
-        imported = (name for script in mission.scripts() for name in effects_of(script, script=True).imports.values())
-        self._packages = {name.partition(".")[0] for name in imported}
 
-    def __call__(self, data: Any) -> Any:
-        """A value of what `dump` made of it. Raises MissionError."""
+def _offered(value: Any) -> tuple[str, str] | None:
+    """The name of a module, or of what a module offers under its own name."""
+    module, name = _own_name(value)
+    return (module, name) if _attribute(sys.modules.get(module), name) is value else None
+
+
+def _attribute(value: Any, name: str) -> Any:
+    """An attribute of an attribute ...; None if there is none."""
+    for part in name.split(".") if name else ():
+        value = None if part.startswith("__") else getattr(value, part, None)
+    return value
+
+
+_GIVEN = {
+    name: value
+    for name, value in interface.ALWAYS.items()
+    if (callable(value) or isinstance(value, ModuleType))
+    and not name.startswith("_")
+    and name not in {"compile", "eval", "exec", "open"}
+}
+"""What scripts find without an import and can keep. What runs a text or opens a file is not taken from a file."""
+_BUILTINS = "builtins"
+"""The module under which these are stored."""
+
+
+class StoredValues:
+    """Values of one mission as plain data, and again. Only modules that its scripts import are imported.
+
+    lost  called with the reason why a value of a state is missing from now on
+    """
+
+    def __init__(self, mission: Mission, lost: Callable[[str], object] = lambda reason: None) -> None:
+        imported = {name for script in mission.scripts() for name in effects_of(script, script=True).imports.values()}
+        self._imported = sorted(imported - {"*"})
+        self._packages = {name.partition(".")[0] for name in imported} | {math.__name__}
+        self._lost = lost
+
+    def dump(self, value: Any) -> Any:
+        """Return plain data of a value that JSON lacks. Raises MissionError for one that cannot be stored."""
+        return dump(value, self._name)
+
+    def load(self, data: Any) -> Any:
+        """Return a value of what `dump` made of it. Raises MissionError."""
+        try:
+            return self._load(data)
+        except (MissionError, MemoryError):
+            raise
+        except Exception as error:  # of the code of a library
+            raise MissionError(f"a value of the state cannot be read: {type(error).__name__}: {error}") from error
+
+    def _load(self, data: Any) -> Any:
+        if "mapping" in data:
+            return data["mapping"]
         if "value" in data and "type" in data:
             return _BY_NAME[data["type"]](data["value"])
         if "message" in data:
@@ -123,22 +198,59 @@ class Loader:
         if "array" in data:
             import numpy
 
-            kind, content = data["type"], data["array"]
+            kind, content, shape = data["type"], data["array"], data["shape"]
             if isinstance(content, str):
-                return numpy.frombuffer(b64decode(content), dtype=kind).reshape(data["shape"]).copy()
-            return numpy.array(content, dtype=kind).reshape(data["shape"])
-        return self._import(data["module"], data.get("name", ""))
+                array = numpy.frombuffer(b64decode(content), dtype=kind).copy()
+            else:
+                array = numpy.array(content, dtype=kind)
+            return array.reshape(())[()] if shape is None else array.reshape(shape)
+        if "module" not in data:  # another mapping, as FAME 0.2 wrote it
+            return data
+        return self._again(data["module"], data.get("name", ""))
 
-    def _import(self, module: str, name: str) -> Any:
-        if module.partition(".")[0] not in self._packages:
-            raise MissionError(f"the state refers to module {module}, which no script of the model imports")
+    def _again(self, module: str, name: str) -> Any:
+        """What is stored by its name. What no script can have got by it is missing."""
+        if not self._may_have(module, name):
+            what = f"{module} {name}".rstrip()
+            self._lost(f"a value of the state is lost: {what} is of no module that a script of the model imports")
+            return None
         try:
-            imported: Any = import_module(module)
-            for part in name.split(".") if name else ():
-                imported = getattr(imported, part)
+            return self._found(module, name)
         except (ImportError, AttributeError) as error:
             raise MissionError(f"{module} {name}: cannot be imported again: {error}") from error
-        return imported
+
+    def _may_have(self, module: str, name: str) -> bool:
+        return module.partition(".")[0] in self._packages or (module == _BUILTINS and name in _GIVEN)
+
+    def _found(self, module: str, name: str) -> Any:
+        """What has a name. Raises ImportError or AttributeError."""
+        if module == _BUILTINS and name in _GIVEN:
+            return _GIVEN[name]
+        found = _attribute(import_module(module), name)
+        if found is None:
+            raise AttributeError(f"module {module} has no {name}")
+        return found
+
+    def _name(self, value: Any) -> tuple[str, str] | None:
+        """The module and name under which `_again` finds a value; None if there is none.
+
+        Many modules offer what another one has: heappush says that it is of `_heapq`, os.path is `posixpath`.
+        """
+        for module, name in self._names(value):
+            if self._may_have(module, name):
+                with suppress(Exception):  # of code of a library that makes its attributes
+                    if self._found(module, name) is value:
+                        return module, name
+        return None
+
+    def _names(self, value: Any) -> Iterator[tuple[str, str]]:
+        """Names that a value may have, the likely ones first."""
+        yield _own_name(value)
+        own = getattr(value, "__name__", "")
+        yield from ((_BUILTINS, name) for name in _GIVEN if _GIVEN[name] is value)
+        for imported in self._imported:
+            module, _, name = imported.rpartition(".")
+            yield from ((module, name), (module, ""), (imported, own)) if name != "*" else ((module, own),)
 
 
 def refuse_unstorable(mission: Mission) -> None:

@@ -26,7 +26,7 @@ NAMES = ("robot", "signal", "BpmnError", "log", "print", "math", "sleep", "recei
 _ABSENT = {"input", "breakpoint", "help", "exit", "quit", "copyright", "credits", "license"}
 """Builtins of a terminal, which a robot does not have."""
 
-_NAMES = {
+ALWAYS = {
     **{name: value for name, value in vars(builtins).items() if name not in _ABSENT},
     **{"BpmnError": BpmnError, "math": math, "sleep": Sleep, "receive": Receive, "until": Until},
 }
@@ -174,7 +174,7 @@ def interface(
     def print_to_log(*values: Any, sep: str | None = " ", end: str = "", file: Any = None, flush: bool = False) -> None:
         log("info", _joined(values, " " if sep is None else sep))
 
-    names = _NAMES | {"robot": robot, "signal": signal, "log": logger, "print": print_to_log}
+    names = ALWAYS | {"robot": robot, "signal": signal, "log": logger, "print": print_to_log}
     Budget(names, budget)
     return names
 

@@ -225,7 +225,7 @@ class Run:
         self.node = self.simulation.node
         if moves is not None:
             self.node.engine.limit = moves
-        self.tables, self.recorded = StateTables(self.node.engine, lambda name, reason: None), {}
+        self.tables, self.recorded = StateTables(self.node.engine, lambda name, reason: None, dump), {}
         if after != "straight":
             self._after_each(self.swap if after == "restored" else self.record)
 
