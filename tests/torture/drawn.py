@@ -362,14 +362,6 @@ def is_started(mission: Mission, robot: str) -> bool:
     return bool(mission["robots"][robot]) and mission["robots"][robot][0][0] == "start"
 
 
-def hears_late(mission: Mission, version: Any) -> bool:
-    """Whether a queue is opened only after something that lasts: with a sub-process that an edit has made around it."""
-    edits, steps = edits_of(mission, version), walk([one for each in mission["robots"].values() for one in each])
-    later = [step for step in steps if edits.get(step[1]) in (["before", "person"], ["before", "work"])]
-    wrapped = [step for step in walk(later) if edits.get(step[1]) == ["wrapped"]]
-    return any(one[0] in ("hear", "order", "serve") for one in walk(wrapped))
-
-
 def kinds_met(mission: Mission, visited: Collection[str]) -> set[str]:
     """The kinds of steps of which some element was entered."""
     numbers = {id.rsplit("_", 2)[1] for id in visited if id.count("_") > 2}

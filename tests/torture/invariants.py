@@ -16,7 +16,7 @@ from fame.engine import Instance
 from fame.engine.state import Mailbox
 from fame.middleware.codec import deserialize
 
-from .drawn import LAST, RETRIES, edits_of, hears_late, help_needed, is_started, kinds_met, outcome_of, reference
+from .drawn import LAST, RETRIES, edits_of, help_needed, is_started, kinds_met, outcome_of, reference
 from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
@@ -295,8 +295,6 @@ def unlike_reference(team: Team) -> Iterator[str]:
     (version,), (first,) = running, begun
     if edits_of(mission, first) != edits_of(mission, version):
         return
-    if hears_late(mission, first):
-        return  # what comes before its queue is open is lost
     if any(robot.engine is None or robot.engine.state == "holding" for robot in robots):
         return  # others wait for it
     if len({said.deployment for said in team.said if said.answer == "started"}) > 1 and _hears_anybody(team):
