@@ -7,6 +7,7 @@ position or by name. They are checked against the types: where a value is expect
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -95,6 +96,8 @@ def called(function: Function, name: str, arguments: list[Evaluate], null: bool)
             if null:
                 return None
             raise TypeError(f"{name}({', '.join(map(repr, values))}): {error}") from None
+        if null and result.__class__ is float and not math.isfinite(result):
+            return None
         if result.__class__ in _SIZED:
             spend(weight(result))
         return result

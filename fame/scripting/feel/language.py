@@ -6,9 +6,10 @@ and a condition that is null counts as false. Lists count from 1, and from -1 at
 
 from __future__ import annotations
 
+import math
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -68,7 +69,8 @@ def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evalu
             a, b = left(variables), right(variables)
             if is_number(a) and is_number(b):
                 try:
-                    return compute(a, b)
+                    result = compute(a, b)
+                    return result if result.__class__ is not float or math.isfinite(result) else None
                 except (ArithmeticError, ValueError):
                     return None
             if are_times(a, b) or _scales(a, b) or _scales(b, a):
@@ -210,7 +212,28 @@ def _type(parser: ExpressionParser) -> Test:
         item = _type(parser)
         parser.expect(">")
         return _items(item) if name == "list" else _ends(item)
+    if name == "context" and parser.take("<"):
+        return _has([_field(parser) for _ in parser.separated(">")])
+    if name == "function" and parser.take("<"):
+        count = sum(_type(parser) is not None for _ in parser.separated(">"))
+        parser.expect("-")
+        parser.expect(">")
+        _type(parser)
+        return lambda value: isinstance(value, Lambda) and len(value.names) == count
     return _TYPES[name]
+
+
+def _field(parser: ExpressionParser) -> tuple[str, Test]:
+    key = parser.key()
+    return key, _type(parser)
+
+
+def _has(fields: Sequence[tuple[str, Test]]) -> Test:
+    def fits(value: Any) -> bool:
+        known = fields_of(value) if _is_context(value) else {}
+        return _is_context(value) and all(key in known and test(known[key]) for key, test in fields)
+
+    return fits
 
 
 def _begins(parser: ExpressionParser, signs: list[str]) -> bool:
@@ -313,6 +336,7 @@ FEEL = Dialect(
         "@": _literal,
         "(": parenthesis,
         "[": bracket,
+        "]": lambda parser: span(parser, parser.expression(), with_low=False),
         "{": context,
     },
     infixes=_table(),

@@ -3,7 +3,8 @@
 A pattern is compiled to a program of small steps, which is run as a backtracking search that never tries the same step
 at the same place twice (R. Cox, Regular Expression Matching: the Virtual Machine Approach, 2009). So a search takes at
 most the length of the program times that of the text, and each try is counted against the budget. What one letter is,
-Python's `re` decides. There are no look-arounds and no references back, which cannot be had in that time.
+Python's `re` decides, but for what it lacks of Java's: ``\\p{Lu}``, ``\\h``, ``\\z``, ``\\Q...\\E``. There are no
+look-arounds and no references back, which cannot be had in that time.
 
 ==================  =====================================================================
 step                what it does
@@ -20,7 +21,8 @@ step                what it does
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+import unicodedata
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -34,7 +36,14 @@ _STEPS = 10_000
 """The longest program."""
 
 _FLAGS = {"i": re.IGNORECASE, "s": re.DOTALL, "m": re.MULTILINE}
-_ATOM = re.compile(r"\[\^?\]?(?:\\.|[^\]\\])*\]|\\.|[^\\\[()|*+?{]|\{(?![0-9])", re.DOTALL)
+_ATOM = re.compile(r"\[\^?\]?(?:\\.|[^\]\\])*\]|\\[pP]\{\w+\}|\\.|[^\\\[()|*+?{]|\{(?![0-9])", re.DOTALL)
+_QUOTED = re.compile(r"\\Q(.*?)(?:\\E|\Z)|\\.", re.DOTALL)
+_PROPERTY = re.compile(r"\\([pP])\{(\w+)\}")
+_IN_CLASS = re.compile(r"\\h|(\\[dDsSwW])-|\\.", re.DOTALL)
+_UNSUPPORTED = re.compile(r"\[(?:\\.|[^\\])+?(?:\[|&&)", re.DOTALL)
+"""Classes in classes, which Java unites and intersects."""
+_BLANKS = r" \t\xA0\u1680\u180E\u2000-\u200A\u202F\u205F\u3000"
+_CATEGORY = re.compile("L[ultmo]?|M[nce]?|N[dlo]?|P[cdseifo]?|S[mcko]?|Z[slp]?|C[cfson]?")
 _ANCHORS = frozenset({"^", "$", "\\b", "\\B", "\\A", "\\Z"})
 _REPEAT = re.compile(r"(?:([*+?])|\{([0-9]{1,4})(,?)([0-9]{0,4})\})(\??)")
 
@@ -88,8 +97,26 @@ class _Compiler:
         if match is None or re.fullmatch(r"\\[1-9]", match[0]):
             raise ValueError(f"{self._pattern!r} is not a supported regular expression")
         self._place = match.end()
-        text = "\\{" if match[0] == "{" else match[0]
-        return [("at" if text in _ANCHORS else "letter", re.compile(text, self._flags).match)]
+        text = {"{": "\\{", "\\z": "\\Z"}.get(match[0], match[0])
+        return [("at", re.compile(text, self._flags).match) if text in _ANCHORS else ("letter", self._letter(text))]
+
+    def _letter(self, text: str) -> Callable[[str, int], object]:
+        """What matches one letter. Raises ValueError for what is not supported."""
+        if _UNSUPPORTED.match(text) or not all(_CATEGORY.fullmatch(name) for _, name in _PROPERTY.findall(text)):
+            raise ValueError(f"{self._pattern!r} is not a supported regular expression: {text}")
+        properties = [(sign == "P", name) for sign, name in _PROPERTY.findall(text)]
+        if not properties:
+            return re.compile(_IN_CLASS.sub(_in_class, "[\\h]" if text == "\\h" else text), self._flags).match
+        inverse = text.startswith("[^")
+        others = _IN_CLASS.sub(_in_class, _PROPERTY.sub("", text[1 + inverse : -1] if text[0] == "[" else text))
+        other = re.compile(f"[{others}]" if others else "(?!)", self._flags).match
+
+        def matches(text: str, place: int) -> bool:
+            category = unicodedata.category(text[place]) if place < len(text) else ""
+            found = any(category.startswith(name) != negated for negated, name in properties)
+            return bool(category) and (found or other(text, place) is not None) != inverse
+
+        return matches
 
     def _repeated(self, steps: list[_Step]) -> list[_Step]:
         match = _REPEAT.match(self._pattern, self._place)
@@ -103,6 +130,11 @@ class _Compiler:
         if (least + (most or 1)) * len(steps) > _STEPS:
             raise ValueError(f"{self._pattern!r} repeats too often")
         return _repeat(steps, least, most, lazy=bool(match[5]))
+
+
+def _in_class(sign: re.Match[str]) -> str:
+    """A part of a class as `re` has it."""
+    return _BLANKS if sign[0] == "\\h" else f"{sign[1]}\\-" if sign[1] else sign[0]
 
 
 def _repeat(steps: list[_Step], least: int, most: int | None, *, lazy: bool) -> list[_Step]:
@@ -121,12 +153,16 @@ def _repeat(steps: list[_Step], least: int, most: int | None, *, lazy: bool) -> 
 def _compiled(pattern: str, flags: str) -> tuple[_Step, ...]:
     if not set(flags) <= {*_FLAGS, "x"}:
         raise ValueError(f"{flags!r}: flags are i, s, m and x")
+    pattern = _QUOTED.sub(lambda sign: sign[0] if sign[1] is None else re.escape(sign[1]), pattern)
     if "x" in flags:
         pattern = "".join(re.findall(r"\\\S|\[(?:\\.|[^\]\\])*\]|\S", pattern, re.DOTALL))
     value = 0
     for flag in flags.replace("x", ""):
         value |= _FLAGS[flag]
-    return _Compiler(pattern, value).program()
+    try:
+        return _Compiler(pattern, value).program()
+    except re.error as error:
+        raise ValueError(f"{pattern!r} is not a supported regular expression: {error}") from None
 
 
 def matches(text: str, pattern: str, flags: str = "") -> Iterator[Groups]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import re
 import uuid
 from collections.abc import Mapping
@@ -56,7 +57,7 @@ def number_of(value: Any, grouping: str | None = None, point: str | None = None)
     """Return a number from a number or text. Raises ValueError."""
     if is_number(value):
         return value
-    text = str(value).strip().replace(grouping or "", "") if grouping else str(value).strip()
+    text = str(value).replace(grouping, "") if grouping else str(value)
     text = text.replace(point, ".") if point else text
     if isinstance(value, bool) or not _NUMBER.fullmatch(text):
         raise ValueError(f"{value!r} is not a number")
@@ -121,6 +122,17 @@ def _data(value: Any) -> Any:
     return {str(key): _data(item) for key, item in fields_of(value).items()}
 
 
+def _json(text: str) -> Any:
+    """The value of JSON. Raises ValueError for what is none, and for numbers that no float has."""
+    return json.loads(text, parse_constant=_number, parse_float=_number)
+
+
+def _number(text: str) -> float:
+    if not math.isfinite(number := float(text)):
+        raise ValueError(f"{text} is not a number")
+    return number
+
+
 def _uuid(variables: Mapping[str, Any]) -> str | None:
     source = random_source(variables)
     return None if source is None else str(uuid.UUID(int=source.getrandbits(128), version=4))
@@ -130,7 +142,7 @@ TEXTS = functions({"uuid()": _uuid}, sees=True) | functions(
     {
         "string(from: value)": text_of,
         "number(from: value, grouping separator?: any, decimal separator?: any)": number_of,
-        "from json(value: string)": json.loads,
+        "from json(value: string)": _json,
         "to json(value: any)": lambda value: json.dumps(_data(value), ensure_ascii=False, separators=(",", ":")),
         "string length(string: string)": len,
         "substring(string: string, start position: number, length?: number)": _part,
