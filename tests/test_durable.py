@@ -247,6 +247,27 @@ def test_a_token_in_a_loop_over_what_cannot_be_stored_goes_on(tmp_path: Path) ->
     assert run.simulation.instances[0].status == "completed"
 
 
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [
+        ("new Date(0)", "a value of type Date"), ("{a: [new Map()]}", "a value of type Map"),
+        ("new Set()", "a value of type Set"), ("/a/", "a value of type RegExp"), ("10n", "a value of type bigint"),
+        ("[undefined]", "a value of type undefined"), ("[-0]", "a negative zero"),
+        ("[1, , 3]", "an array with holes or names"), ("new (class P {})()", "a value of type P"),
+        ("new (class { static get name() { throw 1 } })()", "an object that refuses to be read"),
+        ("{a: [1, 'x', null, true, NaN, {b: 0.5}]}", ""),
+    ],
+)  # fmt: skip
+def test_a_value_of_javascript_that_json_lacks_is_reported_once(value: str, what: str, tmp_path: Path) -> None:
+    text = f"this.environment.variables.x = {value}; next()"
+    tasks = (script("a", text) + script("b", text)).replace('"python"', '"javascript"')
+    run = Recorded(model(start() + tasks + user("u") + path("s a b u")), tmp_path)
+    run.simulation.run(1)
+    run.close()
+    said = f"variable x changes if the engine ends: {what} of JavaScript is stored as plain data"
+    assert [event.detail for event in run.simulation.reports] == ([said] if what else [])
+
+
 def test_values_that_become_equal_ones_of_another_type_are_stored(tmp_path: Path) -> None:
     each = '<multiInstanceLoopCharacteristics camunda:collection="x" camunda:elementVariable="i" isSequential="true"/>'
     loop = sub("p", each + start("ps") + user("u") + script("k", "seen += [i]") + end("pe") + path("ps u k pe"))

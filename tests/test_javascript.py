@@ -522,6 +522,12 @@ def test_maps_and_strange_keys_are_what_they_are(text: str, seen: Any) -> None:
     assert alike(script(f"this.environment.variables.y = {text}; next()")["y"], seen)
 
 
+def test_variables_are_in_the_next_script_what_they_are_for_all_others() -> None:
+    first = f"{V}v.zero = -0; v.gone = undefined; next()"
+    then = f"{V}v.y = [Object.is(v.zero, -0), 'gone' in v, Object.keys(v).length]; next()"
+    assert run(first, then) == {"zero": 0, "y": [False, False, 1]}
+
+
 def test_large_integers_keep_their_digits() -> None:
     given = script("this.environment.variables.y = [9007199254740993n, -(2n ** 70n), 5n]; next()")["y"]
     assert given == [9007199254740993, -(2**70), 5]

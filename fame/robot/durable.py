@@ -105,6 +105,7 @@ class DurableRecorder:
         self._ended: dict[str, Any] = {str(each.key): instance_data(each, program, self._dump) for each in over}
         self._has_ended = bool(over)
         self._reported: set[tuple[str, str]] = set()
+        node.host.scripts.altered = self._report_altered
         self._note = ""
         self.anew: Callable[[], object] = _nothing
         self._is_bare = False  # whether another directory has taken the place of the old one, and `anew` has failed
@@ -415,11 +416,14 @@ class DurableRecorder:
         self._on_trouble("")
         self._start_process()
 
-    def _report_unstorable(self, name: str, reason: str) -> None:
+    def _report_unstorable(self, name: str, reason: str, fate: str = "is lost") -> None:
         if (name, reason) in self._reported:
             return
         self._reported.add((name, reason))
-        self.node.host.report("", f"variable {name} is lost if the engine ends: {reason}" if name else reason)
+        self.node.host.report("", f"variable {name} {fate} if the engine ends: {reason}" if name else reason)
+
+    def _report_altered(self, name: str, reason: str) -> None:
+        self._report_unstorable(name, reason, "changes")
 
     # ---- resumption --------------------------------------------------------------------------------------------------
 

@@ -58,6 +58,7 @@ class Scripts:
         random, epoch, self._send = options.random or robot_random(0, node.namespace), options.epoch, send
         self.engine: Engine
         self.on_step: Callable[[], object] | None = None
+        self.altered: Callable[[str, str], object] | None = None
         self._namespace, self._endpoints, self._scheduler = node.namespace, endpoints, scheduler
         self._log, self._report, self._has_javascript = log, report, False
         self.runner: Runner = Runner(
@@ -88,6 +89,7 @@ class Scripts:
             publish=self._publish,
             log=self._log,
             report=self._report,
+            altered=lambda: self.altered,
             stepped=self.on_changed,
             lost=self._on_callback_lost,
             failed=self._on_callback_failed,

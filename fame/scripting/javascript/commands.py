@@ -38,6 +38,7 @@ class HostApi:
     publish    (topic, type, value): publish a message; raises MessageError
     log        (level, text): write a line of log
     report     (element, text): a warning that stops nothing
+    altered    (): where a state is kept, what is called with a variable that is other data in it, and why
     stepped    (): a callback has ended, so variables may have changed
     lost       (script, element, text, again, fail): the fate of a request of a script is unknown
     failed     (variables, element, error): a callback of a script that is over has failed
@@ -57,6 +58,7 @@ class HostApi:
     publish: Callable[[str, str, Any], object]
     log: Callable[[str, str], object]
     report: Callable[[str, str], object]
+    altered: Callable[[], Callable[[str, str], object] | None]
     stepped: Callable[[], object]
     lost: Callable[[Any, str, str, Callable[[], object], Callable[[BaseException], object]], object]
     failed: Callable[[dict[str, Any], str, BaseException], object]

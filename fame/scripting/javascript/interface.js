@@ -10,7 +10,9 @@
 (() => {
 "use strict";
 const { stringify, parse } = JSON;
-const { defineProperty, getOwnPropertyDescriptor } = Reflect;
+const { defineProperty, getOwnPropertyDescriptor, getPrototypeOf } = Reflect;
+const { is, keys: namesOf, prototype: plain } = Object;
+const { isArray } = Array;
 const { isFinite, isSafeInteger } = Number;
 const { slice } = String.prototype;
 const { then } = Promise.prototype;
@@ -19,7 +21,7 @@ const LARGE = 10000; // characters: longer collections are compared only after a
 const HIDDEN = "\0"; // the only key of an object that represents a number JSON does not have
 const SPECIAL = ["NaN", "Infinity", "-Infinity"];
 
-let settings = { namespace: "/", name: "", seed: 1 };
+let settings = { namespace: "/", name: "", seed: 1, stored: false };
 let now = 0; // ms since 1970, on the engine's clock
 let count = 0; // of steps
 let numbers = 0; // of activations and callbacks
@@ -48,6 +50,32 @@ function encode(value) {
         if (error instanceof InternalError) throw error;
         return undefined; // it contains itself, or refuses
     }
+}
+
+// What in a value is other data when it comes back from its JSON text, in words; empty if there is nothing.
+function altered(value) {
+    try {
+        return difference(value);
+    } catch { // of a class or a getter
+        return "an object that refuses to be read";
+    }
+}
+
+function difference(value) {
+    if (typeof value !== "object") {
+        if (is(value, -0)) return "a negative zero";
+        return ["bigint", "function", "symbol", "undefined"].includes(typeof value) ? `a value of type ${typeof value}` : "";
+    }
+    if (value === null) return "";
+    const isList = isArray(value), prototype = isList ? null : getPrototypeOf(value);
+    if (prototype !== null && prototype !== plain) return `a value of type ${prototype.constructor?.name}`;
+    const names = namesOf(value);
+    if (isList && names.length !== value.length) return "an array with holes or names";
+    for (let index = 0; index < names.length; index += 1) {
+        const inner = difference(value[names[index]]);
+        if (inner) return inner;
+    }
+    return "";
 }
 
 // A long concatenated text is a tree inside, which the host cannot read: flatten it.
@@ -178,18 +206,26 @@ function changes(environment) {
         if (large.size) large.clear();
     }
     if (!changed.length) return "";
-    let set = "", gone = "", kept = "";
+    let set = "", gone = "", kept = "", other = "";
     for (let index = 0; index < changed.length; index += 1) {
-        const name = changed[index], value = values[name], text = encode(value);
+        const name = changed[index];
+        if (values[name] === 0) values[name] = 0; // as the host knows it, not a negative zero
+        const value = values[name], text = encode(value);
         const key = keys[name] ?? (keys[name] = stringify(name));
-        if (value === undefined) gone += gone ? `,${key}` : key;
-        else if (text === undefined) kept += kept ? `,${key}` : key;
+        if (value === undefined) {
+            gone += gone ? `,${key}` : key;
+            delete values[name]; // as for the host
+        } else if (text === undefined) kept += kept ? `,${key}` : key;
         else set += set ? `,${key}:${text}` : `${key}:${text}`;
+        if (settings.stored && text !== undefined) {
+            const what = altered(value);
+            if (what) other += `${other && ","}${key}:${stringify(what)}`;
+        }
         if (agreed.size) agreed.delete(name);
         if (typeof value === "object" && value !== null && text !== undefined) agree(environment, name, text);
     }
     environment.changed = [];
-    return `"set":{${set}}` + (gone && `,"gone":[${gone}]`) + (kept && `,"kept":[${kept}]`);
+    return `"set":{${set}}` + (gone && `,"gone":[${gone}]`) + (kept && `,"kept":[${kept}]`) + (other && `,"altered":{${other}}`);
 }
 
 // ---- activations ----------------------------------------------------------------------------------------------------

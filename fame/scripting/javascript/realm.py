@@ -86,7 +86,8 @@ class Realm:
     def _settings(self) -> dict[str, Any]:
         robot = self.host
         name, namespace, seed = (robot.name, robot.namespace, robot.random.getrandbits(31)) if robot else ("", "", 0)
-        return {"name": name, "namespace": f"/{namespace}", "seed": seed or 1}
+        stored = robot is not None and robot.altered() is not None
+        return {"name": name, "namespace": f"/{namespace}", "seed": seed or 1, "stored": stored}
 
     @property
     def robot(self) -> HostApi:
@@ -249,12 +250,19 @@ class Realm:
                 reply = decode(text) if text.__class__ is str and text else {}
                 reply = self._digits.restored(reply, {"set": environment.variables})
                 environment.apply(reply, self._kept)
+                for name, kind in reply.get("altered", {}).items():
+                    self._report_altered(name, kind)
                 if "number" in reply:
                     outcome = self._update_run(script, environment, reply, outcome.error)
         except (ValueError, TypeError, LookupError, AttributeError) as error:
             text = f"broke the built-in objects that it needs: {type(error).__name__}: {error}"
             outcome = StepResult(error=located(JavaScriptError(text), script))
         return outcome
+
+    def _report_altered(self, name: str, kind: str) -> None:
+        report = self.robot.altered()
+        if report is not None:
+            report(name, f"{kind} of JavaScript is stored as plain data")
 
     def _update_run(
         self, script: SourceText, environment: Environment, reply: dict[str, Any], error: BaseException | None
