@@ -102,6 +102,11 @@ def test_prefixes_attributes_spaces_defaults_and_order_are_no_difference(path: P
         ('x="90" y="0"', 'x="80" y="5"', ['1 shape moved: "Count" (t)']),
         ('<startEvent id="s"/>', '<startEvent id="s" ns:mark="7" xmlns:ns="urn:x"/>',
          ["1 element with other extensions, the same for FAME: s"]),
+        (TASK, TASK.replace('id="t"', 'id="t" startQuantity="2"'),
+         ['1 element with other extensions, the same for FAME: "Count" (t)']),
+        (TASK, TASK.replace('id="t"', 'id="t" startQuantity="1"'), []),
+        ('targetNamespace="', 'targetNamespace="urn:other:',
+         ["~ root definitions  new.bpmn:{}", "    targetNamespace: http://fame → urn:other:http://fame"]),
     ],
 )  # fmt: skip
 def test_a_difference_is_told_by_element_and_meaning(old: str, new: str, said: list[str]) -> None:

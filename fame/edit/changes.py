@@ -1,8 +1,8 @@
 """Two versions of a model, compared: in words, as JSON, as a picture; and one version as text for ``git diff``.
 
-What the model says is compared by `fame.bpmn.difference`. Extension elements and attributes of other tools, which are
-not in it, are compared as XML, whatever the prefixes and the order of attributes, and so are references to what the
-file does not have.
+What the model says is compared by `fame.bpmn.difference`. Extension elements and attributes that are not in it, those
+of other tools and some of BPMN, are compared as XML, whatever the prefixes and the order of attributes, and so are
+references to what the file does not have.
 """
 
 from __future__ import annotations
@@ -30,6 +30,12 @@ COLOURS: Mapping[str, tuple[str, str]] = {
 """(stroke, fill) of what differs in a picture."""
 _OUTSIDE = ("structureRef", "implementationRef")
 """References to what a file need not have."""
+_UNREAD: Mapping[str, str] = {
+    "targetNamespace": "", "typeLanguage": "http://www.w3.org/2001/XMLSchema", "isClosed": "false",
+    "processType": "None", "gatewayDirection": "Unspecified", "isImmediate": "", "startQuantity": "1",
+    "completionQuantity": "1",
+}  # fmt: skip
+"""Attributes of BPMN that no model has -> what they are without being written."""
 _ROOT = "definitions"
 _SHOWN = "BPMNPlane bpmnElement"
 _KNOWN = (f"{{{BPMN}}}", "{http://www.omg.org/spec/", "{http://www.w3.org/")
@@ -198,9 +204,13 @@ def _foreign(definitions: Definitions, whole: Collection[str] = ()) -> dict[str,
 
 
 def _foreign_attributes(element: Node) -> list[tuple[str, str]]:
-    """Name with namespace, and value, of each attribute of another tool."""
+    """Name with namespace, and value, of each attribute of another tool, and of those of BPMN that no model has."""
     named = ((str(name), str(value)) for name, value in element.items())
-    return [(name, value) for name, value in named if name[0] == "{" and not name.startswith(_KNOWN)]
+    return [
+        (name, value)
+        for name, value in named
+        if (name[0] == "{" and not name.startswith(_KNOWN)) or _UNREAD.get(name, value) != value
+    ]
 
 
 def _content(element: Node) -> _Content:
