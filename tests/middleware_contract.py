@@ -216,7 +216,7 @@ class RelayWorld(WallWorld):
             self._there.soon(partial(self.relay.serve, there))
             return RelayedMiddleware(scheduler, here, **options)
 
-        super().__init__(WallScheduler(), make, apart=True)
+        super().__init__(DdsScheduler(), make, apart=True)  # as an engine has it, though it has no waiter
         self._thread.start()
 
     def close(self) -> None:

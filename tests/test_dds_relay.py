@@ -213,6 +213,17 @@ def test_an_engine_that_is_stopped_leaves_after_the_lease_unless_it_goes_on(
     assert here.relay.engines == [second]
 
 
+def test_a_burst_arrives_whole(here: RelayWorld) -> None:
+    got = list[int]()
+    sender = here.node("sender", "C").publisher("/x", INT, QoS(depth=100))
+    here.node("listener", "B").subscription("/x", INT, lambda message: got.append(message.data), QoS(depth=100))
+    here.connect("/x")
+    for number in range(100):
+        sender.publish(messages.create(INT, number))
+    here.until(lambda: len(got) == 100)
+    assert got == list(range(100))
+
+
 # ---- in processes ----------------------------------------------------------------------------------------------------
 
 

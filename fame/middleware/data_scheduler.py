@@ -49,7 +49,7 @@ class DataScheduler(WallScheduler):
 
     def arrived(self, action: Action) -> None:
         """Do `action`, with a message that the waiter has handled, as `soon` does; in this thread far cheaper."""
-        if threading.get_ident() == self._runner:
+        if self.waiter is not None and threading.get_ident() == self._runner:
             self._arrived.append((self.now, action))
         else:
             self.soon(action)
