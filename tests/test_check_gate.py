@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from bpmn_text import process, properties
+from check_drawing import alone, call, data, given, row
 
 from fame.bpmn import read
 from fame.bpmn.library import Library
@@ -68,6 +69,17 @@ def test_a_run_refuses_it_in_the_identifiers_of_a_check_before_anything_moves(
     out, err = capsys.readouterr()
     assert (out, err) == ("", f"fame: error: {error.replace(': error: ', ': ', 1)}\n")
     assert not log.exists() or log.read_text() == ""
+
+
+def test_a_run_refuses_a_monitor_whose_configuration_is_wrong(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "mission.bpmn"
+    path.write_text(alone(data("it", configuration="unit.yaml") + row(call("t", "ProcessingUnit", given("t", "it")))))
+    path.with_name("unit.yaml").write_text("Inputs:\n  In: {Topic: a, Field: [x], MessageType: std_msgs/msg/Bool}\n")
+    assert main(["check", str(path)]) == 1
+    (error,) = [line for line in capsys.readouterr().out.splitlines() if ": error: " in line]
+    assert "does not start: " in error
+    assert main(["run", str(path)]) == 2
+    assert capsys.readouterr() == ("", f"fame: error: {error.replace(': error: ', ': ', 1)}\n")
 
 
 @pytest.mark.parametrize("element", MISTAKES.values(), ids=MISTAKES)
