@@ -295,8 +295,8 @@ def test_nothing_heavy_is_loaded(code: str) -> None:
 
 HELP = {"cli", "errors", "imports", "rooms", "text"}
 CHECK = {*HELP, "bpmn", "check", "clock", "config", "dataclasses", "engine", "iso8601", "middleware", "properties",
-         "robot", "scripting", "worker"}  # fmt: skip
-LOADED = {"--help": HELP, "check": CHECK, "run": {*CHECK, "randomness", "scenario"}}
+         "randomness", "robot", "scripting", "worker"}  # fmt: skip
+LOADED = {"--help": HELP, "check": CHECK, "run": {*CHECK, "scenario"}}
 """The packages and modules of FAME that a command may load for a process of one task."""
 ELSEWHERE = {"lxml", "cython_runtime"}
 LATE = {

@@ -103,7 +103,7 @@ def test_the_card_says_what_of_the_bags_was_left_out(
     code, found = told(capsys, *words(tmp_path, *bags), "--config", config, "--detector", "pca", "--keep")
     assert code == 0
     expected = (
-        f"1 of {RUNS} runs are not known as a whole, run {RUNS - 1} to 50 %: {ROWS // 2} of {ROWS} messages on "
+        f"1 of {RUNS} runs is not known as a whole, run {RUNS - 1} to 50 %: {ROWS // 2} of {ROWS} messages on "
         "/joint_states are left out, the last one since Joints is not finite"
     )
     assert expected in found["warnings"]
