@@ -143,15 +143,20 @@ INPUT = (
 )
 
 
-@pytest.mark.parametrize(("topic", "told"), [("range", False), ("rnage", True)])
-def test_what_a_pipeline_of_the_robot_publishes_is_there(
-    topic: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("read", "topic", "told"),
+    [("odom", "range", []), ("odom", "rnage", ["range"]), ("odmo", "range", ["odmo"]), ("~/range", "range", [])],
+)
+def test_what_a_pipeline_of_the_robot_publishes_is_there_and_what_it_reads_should_be(
+    read: str, topic: str, told: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     port = "{%s: {Topic: %s, Field: [range], MessageType: sensor_msgs/msg/Range}}"
-    (tmp_path / "unit.yaml").write_text(f"Inputs: {port % ('In', 'near')}\nOutputs: {port % ('Out', topic)}\n")
+    ports = f"Inputs: {port % ('In', read)}\nOutputs: {port % ('Out', topic)}\n"
+    (tmp_path / "unit.yaml").write_text(f"{ports}Processor: {{Class: LowPass, Parameters: {{cutoff: 5}}}}\n")
     content = data("goal", configuration="unit.yaml") + row(call("c", "ProcessingUnit", INPUT), TOPICS)
     _, lines = found(tmp_path, capsys, GOOD.replace("car", "drone"), content)
-    assert any("REX waits for /REX/range, which nothing here publishes" in line for line in lines) == told
+    waits = [line.partition("REX waits for /REX/")[2].partition(",")[0] for line in lines if "REX waits" in line]
+    assert waits == told
 
 
 @pytest.mark.parametrize(

@@ -295,7 +295,8 @@ UNIT = """
 Inputs:
   In: {Topic: joint_states, Field: [effort], MessageType: sensor_msgs/msg/JointState}
 Outputs:
-  Out: {Topic: /alarm, Field: [data], MessageType: std_msgs/msg/Bool}
+  Alarm: {Topic: /alarm, Field: [data], MessageType: std_msgs/msg/Bool}
+Processor: {Class: Threshold, Parameters: {threshold: 1}}
 """
 
 
@@ -309,6 +310,18 @@ Outputs:
          " std_msgs/msg/String: a topic has one type"]),
         (UNIT.replace("effort", "efort"), "alarm", ["call: does not start: unit.yaml:3: Inputs.In.Field: sensor_msgs/ms"
          "g/JointState: there is no field efort; it has header, name, position, velocity, effort"]),
+        (UNIT.replace("Alarm:", "Alram:"), "alarm", ["call: does not start: unit.yaml:5: Outputs.Alram: no processor "
+         "computes it; Threshold computes alarm, channel, name, loss, excess, active"]),
+        (UNIT.replace(": 1", ": abc"), "alarm", ["call: does not start: unit.yaml:6: Processor.Parameters.threshold: "
+         "expected a number"]),
+        (UNIT.replace(": 1", ": 1, model: later.npz, hysteresis: 2"), "alarm", ["call: does not start: unit.yaml:6: "
+         "Processor.Parameters.hysteresis: expected a number from 0 to 1"]),
+        (UNIT.replace(": 1", ": 1, model: later.npz"), "alarm", []),
+        (UNIT.replace("Threshold, Parameters: {threshold: 1}", "own.Alarms"), "alarm", []),
+        (UNIT.replace("Threshold", "Treshold"), "alarm", ["call: does not start: unit.yaml:6: Processor.Class: "
+         "expected a processor, module:Class or file.py:Class, got 'Treshold'; did you mean 'Threshold'?"]),
+        (UNIT.replace("{Class", "[{Class: Expression, Parameters: {formula: 2 * Inn}}, {Class") + "]", "alarm",
+         ["call: does not start: unit.yaml:6: Processor[0].Parameters: unknown input Inn; did you mean 'In'?"]),
         ("", "alarm", ["call: does not start: there is no configuration unit.yaml in "]),
     ],
 )  # fmt: skip

@@ -19,12 +19,13 @@ Modules with heavy dependencies are imported when a service is started.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from fame.engine.host import BpmnError
-from fame.errors import ConfigError, MissionError
+from fame.errors import ConfigError, MissionError, UnavailableError
 from fame.middleware.typesystem import STRING
 from fame.robot.services import (
     CommandService,
@@ -134,12 +135,27 @@ def train(context: ServiceContext, variables: Mapping[str, Any]) -> RunningServi
 
 
 def process_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
-    """Return the topics of a processing node, as far as its variables say them. Raises ConfigError."""
-    from fame.monitor.pipeline.configuration import load
+    """Return the topics of a processing node, as far as its variables say them.
 
-    if variables.get("configuration") is None or variables.get("namespace", "") is None:
+    Raises ConfigError, also for processors that cannot be made or do not fit together.
+    """
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.processors import check_processors, of_others
+
+    if variables.get("configuration") is None:
         return None
-    configuration, place = load(_configuration_file(folder, variables)), variables.get("namespace")
+    configuration = load(_configuration_file(folder, variables))
+    given = _parameters(variables)
+    if variables.get("parameters", "") is not None and not (given and any(map(of_others, configuration.stages))):
+        with suppress(UnavailableError):  # packages of a processor may be on the robot alone
+            check_processors(_with_parameters(configuration, given, folder) if given else configuration)
+    return _topics(configuration, variables)
+
+
+def _topics(configuration: Configuration, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
+    if variables.get("namespace", "") is None:
+        return None
+    place = variables.get("namespace")
     ports = [(port, False) for port in configuration.inputs] + [(port, True) for port in configuration.outputs]
     signals = [ServiceTopic(topic, STRING, True) for topic in ("/monitor_blind", "/monitor_sees")]
     return [*(ServiceTopic(_name(port.topic, place), port.type, throws) for port, throws in ports), *signals]
@@ -147,7 +163,11 @@ def process_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Servi
 
 def record_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
     """Return the topics of a recording node. Raises ConfigError."""
-    found = process_topics(folder, variables)
+    from fame.monitor.pipeline.configuration import load
+
+    if variables.get("configuration") is None:
+        return None
+    found = _topics(load(_configuration_file(folder, variables)), variables)
     return [one for one in found if not one.throws] if found is not None else None
 
 

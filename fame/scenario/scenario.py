@@ -418,12 +418,15 @@ def _unmatched_topics(run: Run) -> Iterator[str]:
             continue  # what a pipeline publishes is not known here
         engine, prefix = node.node.full_name, f"/{node.namespace}/"
         published = {resolve(name, node.namespace) for name, _, throws in served if throws}
+        here = {info.name for info in run.middleware.graph() if info.publishers} | published | outside
+        read = {resolve(name, node.namespace): None for name, _, throws in served if not throws}
+        missing = [name for name in read if name.startswith(prefix) and name not in here]
         own = {info.name.removeprefix(prefix): info for info in graph
                if info.name.startswith(prefix) and info.name not in published}  # fmt: skip
         there = ", ".join(name for name, info in own.items() if info.publishers)
-        for info in own.values():
-            if not info.publishers and engine in info.subscribers:
-                yield f"{node.name} waits for {info.name}, which nothing here publishes; there are: {there}"
+        waits = [info.name for info in own.values() if not info.publishers and engine in info.subscribers]
+        for name in dict.fromkeys((*waits, *missing)):
+            yield f"{node.name} waits for {name}, which nothing here publishes; there are: {there}"
         yield from (f"{node.name} {text}" for end, text in mistyped_topics(own.values(), 0.6) if end == engine)
 
 

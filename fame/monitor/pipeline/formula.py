@@ -44,6 +44,13 @@ class Expression(Processor):
             raise ConfigError("needs a formula, such as abs(left - right)", element="formula")
         self._evaluate, self._formula = compile_formula(text), text
 
+    @property
+    def reads(self) -> list[str]:
+        """The inputs of its formula, in its order."""
+        tree = ast.walk(ast.parse(self._formula.strip(), mode="eval"))
+        names = [each.id for each in tree if isinstance(each, ast.Name)]
+        return [name for name in names if name not in _FUNCTIONS and name not in _CONSTANTS]
+
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = stacked(inputs)
         if not len(samples):

@@ -23,21 +23,51 @@ def make_processors(configuration: Configuration) -> list[Any]:
     """Make the processors of a configuration. Raises ConfigError with file, line and key path."""
     kinds = find_classes(configuration)
     made = [_make(kind, stage, configuration) for kind, stage in zip(kinds, configuration.stages, strict=True)]
+    _refuse_unknown_inputs(made, configuration)
     _refuse_stale(made, configuration)
     return made
 
 
+def check_processors(configuration: Configuration) -> None:
+    """Refuse processors that cannot be made, or that do not fit together, before anything runs.
+
+    Not known are then: code of others, and what files hold, which the mission itself may write. Raises ConfigError.
+    """
+    made = [_as_known(stage, configuration) for stage in _stages(configuration)]
+    _refuse_unknown_inputs(made, configuration)
+    assign(made, configuration)
+
+
+def of_others(stage: Stage) -> bool:
+    """Whether the class of a stage is not FAME's, but named by its module or file."""
+    return not {*stage.cls}.isdisjoint(".:")
+
+
+def _as_known(stage: Stage, configuration: Configuration) -> Any:
+    """A processor as far as it is known; any object in place of code of others."""
+    if of_others(stage):
+        return object()
+    kind = _class(stage, configuration)
+    opens = stage.cls not in PROCESSORS or "folder" in inspect.signature(kind).parameters
+    return object() if opens else _make(kind, stage, configuration, files=False)
+
+
 def find_classes(configuration: Configuration) -> list[type]:
     """Return the classes of its processors, which may need models that are not trained yet. Raises ConfigError."""
-    found = []
-    for stage in configuration.stages:
-        try:
-            found.append(find_class(stage.cls, configuration.folder))
-        except ConfigError as error:
-            raise stage.error("Class", error.text) from None
-    if not found:
+    return [_class(stage, configuration) for stage in _stages(configuration)]
+
+
+def _stages(configuration: Configuration) -> Sequence[Stage]:
+    if not configuration.stages:
         raise ConfigError("expected a processor, got none", file=str(configuration.file), element="Processor")
-    return found
+    return configuration.stages
+
+
+def _class(stage: Stage, configuration: Configuration) -> type:
+    try:
+        return find_class(stage.cls, configuration.folder)
+    except ConfigError as error:
+        raise stage.error("Class", error.text) from None
 
 
 def find_class(name: str, folder: Path) -> type:
@@ -89,6 +119,16 @@ def pair(names: Sequence[str], outputs: Sequence[Port], who: str, in_order: bool
     raise ConfigError(text, element=f"Outputs.{missing}")
 
 
+def _refuse_unknown_inputs(processors: Sequence[Any], configuration: Configuration) -> None:
+    """Refuse a processor that `reads` what neither the inputs nor the processor before it give. Raises ConfigError."""
+    names: tuple[str, ...] | None = tuple(port.name for port in configuration.inputs) or None
+    for processor, stage in zip(processors, configuration.stages, strict=True):
+        unknown = [name for name in getattr(processor, "reads", ()) if names is not None and name not in names]
+        if unknown:
+            raise stage.error("Parameters", f"unknown input {unknown[0]}; {suggestion(unknown[0], names or ())}")
+        names = output_names(processor, names)
+
+
 def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> None:
     """Compare models with the data that they were trained on, if these are present. Raises ConfigError, also for a
     section Training that does not tell which data and model these are."""
@@ -105,9 +145,15 @@ def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> No
             model.require(path, data=hash_files(files))
 
 
-def _make(kind: type, stage: Stage, configuration: Configuration) -> Any:
+def _make(kind: type[Any], stage: Stage, configuration: Configuration, *, files: bool = True) -> Any:
+    """Make a processor; without `files`, one that is given a file is not made, but its parameters are checked."""
     try:
         arguments = _arguments(kind, stage.parameters, configuration.folder)
+        declared = [each for each in declared_parameters(kind) if each.name in arguments]
+        if not files and any(each.type == "file" for each in declared):
+            for parameter in declared:
+                parameter.convert(arguments[parameter.name])
+            return object.__new__(kind)
         if "folder" in inspect.signature(kind).parameters:  # classes that look for files themselves
             arguments.setdefault("folder", configuration.folder)
         return kind(**arguments)
