@@ -45,6 +45,9 @@ LITERALS = {
     "an unknown type in a script": script('robot.publish("led", "std_msgs/msg/Colour")'),
     "a field that is none in a script": script('robot.publish("led", "std_msgs/msg/ColorRGBA", red=1.0)'),
     "an unknown service type": f'<serviceTask id="t">{properties(service="arm", type=TIGGER)}</serviceTask>',
+    "a fate of requests that is none": script("x = 1").replace("<script>", properties(retry="Never") + "<script>"),
+    "a constant that takes too long": '<scriptTask id="t" scriptFormat="feel"><script>count(for i in 1..1000000000 '
+    "return i)</script></scriptTask>",
     "a call of itself": '<callActivity id="t" calledElement="P"/>',
 }
 COMPILED = {
@@ -80,6 +83,8 @@ def test_a_run_refuses_a_monitor_whose_configuration_is_wrong(tmp_path: Path, ca
     assert "does not start: " in error
     assert main(["run", str(path)]) == 2
     assert capsys.readouterr() == ("", f"fame: error: {error.replace(': error: ', ': ', 1)}\n")
+    definitions = read(path)
+    refuse_errors(definitions, definitions.processes, Library(), sent=True)  # the file on the robot may be right
 
 
 @pytest.mark.parametrize("element", MISTAKES.values(), ids=MISTAKES)

@@ -26,6 +26,7 @@ from fame.check.elements import (
 from fame.check.events import check_error_handling, check_repeated_calls, check_timers
 from fame.check.gate import check_compilation
 from fame.check.guidelines import check_effects, check_guidelines
+from fame.check.literals import check_literals
 from fame.check.scope import CheckScope, Finding, arranged, find_scope
 from fame.check.scripts import check_scripts
 from fame.check.service_topics import check_services
@@ -61,6 +62,7 @@ CHECKS: tuple[Check, ...] = (
     check_signal_order,
     check_signal_delivery,
     check_names,
+    check_literals,
     check_variables,
     check_shared_variables,
     check_value_kinds,

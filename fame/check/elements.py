@@ -5,20 +5,13 @@ from __future__ import annotations
 import difflib
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 
 from fame.bpmn.extension_properties import (
-    AD_HOC,
     ANY,
-    CATCHES,
-    EVENT_SUB_PROCESSES,
     PROCESSES,
     PROPERTIES,
-    REPETITIONS,
-    SERVICES,
-    THROWS,
-    TIMERS,
 )
 from fame.bpmn.model import (
     Activity,
@@ -26,17 +19,15 @@ from fame.bpmn.model import (
     DataObject,
     Definitions,
     Element,
-    FlowNode,
     Task,
-    TimerDefinition,
 )
 from fame.bpmn.pools import pools_of
 from fame.check.expressions import expressions_in
+from fame.check.literals import properties_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, of_error
 from fame.check.variables import sets_something
 from fame.errors import ModelError
 from fame.properties.diagram import seems_property
-from fame.robot.mission import MISSED, RETRIES
 from fame.text import NAMES, is_ros_name
 
 # ---- the reader's notes, pools ---------------------------------------------------------------------------------------
@@ -97,41 +88,12 @@ def check_names(scope: CheckScope) -> Iterator[Finding]:
     for process in scope.processes:
         yield from _misspelt(process, process.bpmn, {*PROPERTIES[ANY], *PROPERTIES[PROCESSES]})
         for node in process.nodes():
-            yield from _misspelt(process, node, set(_properties_of(node)))
-
-
-def _properties_of(node: FlowNode) -> Iterator[str]:
-    """The names of the properties that have a meaning at a node."""
-    yield from PROPERTIES[ANY]
-    for _, thrown in node.topics():
-        yield from PROPERTIES[THROWS if thrown else CATCHES]
-    if node.triggered_by_event:
-        yield from PROPERTIES[EVENT_SUB_PROCESSES]
-    if node.service is not None:
-        yield from PROPERTIES[SERVICES]
-    elif node.script is not None:
-        yield "retry"  # of what its script calls
-    if node.defined(TimerDefinition):
-        yield from PROPERTIES[TIMERS]
-    if node.tag == "adHocSubProcess":
-        yield from PROPERTIES[AD_HOC]
-    if node.loop is not None:
-        yield from PROPERTIES[REPETITIONS]
-
-
-_VALUES: Mapping[str, Sequence[str]] = {"retry": RETRIES, "missed": MISSED}
-"""The values of those properties whose readers take any other one for the default."""
+            yield from _misspelt(process, node, set(properties_of(node)))
 
 
 def _misspelt(process: CheckedProcess, element: Element, known: Set[str]) -> Iterator[Finding]:
-    """Properties that have a meaning at other elements only, unknown values, and names similar to known ones."""
+    """Properties that have a meaning at other elements only, and names similar to known ones."""
     for name, value in element.properties.items():
-        values = _VALUES.get(name, ()) if name in known else ()
-        if values and value not in values:
-            nearest = difflib.get_close_matches(value.strip().lower(), values, 1, 0.4)
-            fixes = [Fix(f"set {name} = {one}", element.id, "property", one, name) for one in nearest]
-            text = f"property {name}={value!r}: expected {', '.join(values[:-1])} or {values[-1]}"
-            yield process.finding("error", text, element, fix=next(iter(fixes), None))
         places = [place for place, names in PROPERTIES.items() if name in names]
         if places and name not in known:
             text = f"its property {name!r} has no effect here: it is for {' and '.join(places).lower()}"

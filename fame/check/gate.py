@@ -31,6 +31,7 @@ from fame.bpmn.model import (
 )
 from fame.check.control_flow import check_recursion
 from fame.check.events import check_timers
+from fame.check.literals import check_literals
 from fame.check.scope import CheckedProcess, CheckScope, Finding, arranged, find_scope, of_error
 from fame.check.service_topics import check_services
 from fame.check.topics import check_topic_types
@@ -45,9 +46,9 @@ def refuse_literals(
 ) -> None:
     """Refuse what compiles but always fails when a token gets there.
 
-    That is: invalid times, payloads that do not fit, unknown types, endless recursion, services whose configuration is
-    wrong and, if `strict`, payloads that read variables that nothing sets. `processes` are those to be run; those that
-    they call are checked too.
+    That is: invalid times and values of properties, constants that take too long, payloads that do not fit, unknown
+    types, endless recursion, services that do not start and, if `strict`, payloads that read variables that nothing
+    sets. `processes` are those to be run; those that they call are checked too.
     Raises ModelError for the first error by file and line.
     """
     scope = _running(definitions, processes, library, strict=strict)
@@ -94,6 +95,7 @@ def _literals(scope: CheckScope) -> Iterator[Finding]:
     yield from check_topic_types(scope)
     yield from check_recursion(scope)
     yield from check_services(scope)
+    yield from check_literals(scope)
 
 
 def _refuse(scope: CheckScope, findings: Iterable[Finding]) -> None:

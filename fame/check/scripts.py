@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from fame.bpmn.model import Body, Element, Event, Expression
-from fame.check.expressions import ExpressionUse, constant, expressions_in
+from fame.check.expressions import ExpressionUse, expressions_in
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.errors import MODULE_NOT_FOUND
@@ -62,9 +62,6 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
         scripts = [text for text in texts if text.use == "script"]
         for text in texts:
             yield from _misused_interface(process, text)
-            endless = constant(text.expression)[1]
-            if endless:
-                yield process.finding("error", f"cannot be computed: {endless}", text.element, text.expression.line)
         yield from _doubtful_calls(process, texts)
         in_javascript = [text for text in scripts if text.expression.language == "javascript"]
         yield from _without_next(process, in_javascript)

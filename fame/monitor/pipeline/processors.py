@@ -39,7 +39,7 @@ def check_processors(configuration: Configuration) -> None:
 
 
 def of_others(stage: Stage) -> bool:
-    """Whether the class of a stage is not FAME's, but named by its module or file."""
+    """Return whether the class of a stage is not FAME's, but named by its module or file."""
     return not {*stage.cls}.isdisjoint(".:")
 
 
