@@ -985,3 +985,19 @@ def test_a_goal_that_arrives_after_its_cancellation_is_cancelled_all_the_same(
     assert (driver.cancelled, list(driver.goals)) == ([first], others)
     assert len(others) == (ends_by == "crash")
     assert field.engine.running.runner.cancelled.table() == {}
+
+
+@pytest.mark.parametrize("comes_to", ["resume", "_go_on"])
+def test_a_deployment_cancels_the_goal_of_a_mission_that_has_not_gone_on_yet(
+    field: Durable, driver: Server, monkeypatch: pytest.MonkeyPatch, comes_to: str
+) -> None:
+    field.deploy(DRIVES)
+    (goal,) = driver.goals
+    monkeypatch.setattr(ResumedMission, comes_to, lambda self, *arguments: None)  # it is loading, or waits for topics
+    end_engine(field, in_order=False)
+    told(field, "d2", 2, patrol(7), "load")
+    field.pass_time(1)
+    told(field, "d2", 2, "", "start")
+    field.pass_time(1)
+    assert field.engine.deployed == "d2"
+    assert driver.cancelled == [goal]

@@ -63,7 +63,7 @@ class StateKeeper:
         self.directory: StateDirectory = directory
         self.recorder: DurableRecorder | None = None
         self.answers: dict[str, Any] = {}  # to requests of people: see `fame.deploy.requests.TaskServer`
-        self._unread: SegmentContents | None = None  # the journal of which that has not been read yet
+        self._unread: SegmentContents | None = None  # the journal of which, until that goes on
         self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
         self._names: dict[str, str] = {}  # of the files of deployments, by their ids
         self._lost = ""  # why others that were there cannot be read
@@ -88,7 +88,6 @@ class StateKeeper:
 
     def _take_answers(self, tables: Tables) -> None:
         """Know the stored answers, and what was refused since: the rest of what is not on the disk is not done."""
-        self._unread = None
         refused = {id: answer for id, answer in self.answers.items() if answer[0] == "refused"}
         self.answers.clear()
         self.answers.update({**tables.get("answers", {}), **refused})
@@ -207,14 +206,16 @@ class StateKeeper:
         """
         from fame.robot.durable import DurableRecorder
         from fame.robot.journal import Journal
-        from fame.robot.restoring import description
+        from fame.robot.restoring import description, goals_under_way
         from fame.robot.state_tables import fold
 
         self.stop()
         if (unread := self._unread) is not None:  # what ran before is replaced before it could go on
             self._unread = None
             with suppress(ConfigError):  # its directory may be gone
-                self._take_answers(reduce(fold, unread.records(), {}))
+                tables: Tables = reduce(fold, unread.records(), {})
+                self._take_answers(tables)
+                process.runner.cancelled.take_up(goals_under_way(tables), process.runner.inbox.action)
         data = _text(envelope)
         key = sha256(data).hexdigest()
         name = f"{_ENVELOPE}{key[:16]}"
@@ -269,6 +270,7 @@ class StateKeeper:
         recorder.anew = partial(self._write_anew, name, self._read_file(name) or b"")
 
         def go_on() -> None:
+            self._unread = None
             recorder.go_on(tables, self.away(stored, process), self._set_back(stored, process))
 
         return go_on

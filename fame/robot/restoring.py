@@ -76,6 +76,12 @@ def set_timers(node: RobotNode, tables: Tables, set_back: int = 0) -> list[Wait]
     return failed
 
 
+def goals_under_way(tables: Tables) -> dict[str, tuple[str, str, bool]]:
+    """Return the goals that may still run, those that were cancelled too, as `CancelledGoals.take_up` takes them."""
+    cancelled = {id: (action, type, told) for id, (action, type, told) in tables.get("cancelled", {}).items()}
+    return {**cancelled, **{id: (action, type, False) for id, action, type in tables.get("goals", {}).values()}}
+
+
 def follow_cancelled(node: RobotNode, tables: Tables) -> None:
     """Cancel the goals once more that were cancelled before and had not ended, and report them anew."""
     goals = {id: (action, type, False) for id, (action, type, _) in tables.get("cancelled", {}).items()}
