@@ -63,6 +63,29 @@ def test_a_preview_of_a_robot_that_runs_nothing_says_so() -> None:
     assert field.engines["A"].state == "waiting"
 
 
+def test_a_repeated_dry_run_keeps_the_plan_and_its_exit_code(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    field = Field("A", "B")
+    field.deploy(team("ua"))
+    sent = field.deploy(team("ux"), "d2", 2, migrate=True, preview=True)
+    assert asked(tmp_path, team("ux"), "--dry-run").show(sent) == 1
+    Path("team.plan.yaml").write_text("elements: {}  # edited")
+    assert asked(tmp_path, team("ux"), "--dry-run").show(sent) == 1
+    assert "team.plan.yaml is kept as it is" in capsys.readouterr().err
+    assert Path("team.plan.yaml").read_text() == "elements: {}  # edited"
+
+
+def test_a_dry_run_says_of_a_robot_at_rest_that_it_takes_the_model(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    field, ended = Field("A", "B"), team("ua").replace("userTask", "task")
+    field.deploy(ended)
+    sent = field.deploy(ended, "d2", 2, migrate=True, preview=True)
+    assert asked(tmp_path, ended, "--dry-run").show(sent) == 0
+    assert [line.split()[2:] for line in capsys.readouterr().out.splitlines()[1:]] == [
+        ["takes", "the", "model", "nothing", "runs"]
+    ] * 2
+
+
 def test_a_preview_writes_a_plan_that_can_be_used_as_it_is_where_the_choice_is_clear(tmp_path: Path) -> None:
     field = Field("A", "B")
     field.deploy(team("ua"))

@@ -157,6 +157,9 @@ class Migration:
         from fame.deploy.migration import write_plan
 
         path = Path(f"{self._model.stem}.plan.yaml")
+        if path.exists():  # it may have been edited
+            note(f"{path} is kept as it is: give it with --plan, or remove it to get a new one")
+            return
         write_plan(path, foreseen)
         note(f"wrote {path}: edit it, then fame deploy {self._model} --migrate --plan {path}")
 
@@ -175,7 +178,8 @@ def _rows(deployment: Deployment) -> Sequence[tuple[str, ...]]:
                 (report.robot, foreseen.hash[:12], place, token.fate + target * (token.fate != "blocked"), token.reason)
             )
         if not tokens:
-            rows.append(
-                (report.robot, foreseen.hash[:12] if foreseen is not None else "", "", report.state, report.reason)
-            )
+            becomes, reason = report.state, report.reason
+            if becomes == "previewed":
+                becomes, reason = "takes the model", reason or "nothing runs"
+            rows.append((report.robot, foreseen.hash[:12] if foreseen is not None else "", "", becomes, reason))
     return rows
