@@ -363,6 +363,9 @@ def keys() -> Iterator[str]:
     for name, place in PROCESSORS.items():
         processor = load(place)
         yield from (f"### `Class: {name}`", "", *prose((inspect.getdoc(processor) or "").partition("\n\n")[0]))
+        outputs = ", ".join(f"`{one}`" for one in processor.outputs)
+        polls = any(one.name == "fields" for one in processor.parameters)
+        yield from (f"Outputs: {outputs or ('those of `fields`' if polls else 'one per input, under its name')}.", "")
         about = {one.name: f"{one.description} ({one.default!r}{of_unit(one.unit)})" for one in processor.parameters}
         yield from table(("parameter", "meaning"), about)
     yield from ("## Training", "", *prose(inspect.getdoc(Training) or ""))
