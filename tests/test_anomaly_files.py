@@ -122,7 +122,7 @@ def test_files_of_different_joints_are_not_merged(tmp_path: Path):
         ("1,2,1\n1,2\n", r"x\.csv:2: expected 3 cells, got 2"),
         ("s,l,label\n1,2,x\n", r"x\.csv:2: expected a number in column 'label', got 'x'"),
         ("1,2,7\n", r"x\.csv:1: expected the label 1 \(benign\) or -1 \(anomalous\) in column 2, got 7"),
-        ("", "has no rows"),
+        ("", "is empty"),
     ],
 )
 def test_a_wrong_file_is_refused_with_its_line(tmp_path: Path, text: str, message: str):
