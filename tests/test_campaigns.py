@@ -165,7 +165,7 @@ def test_each_run_has_its_seed_values_and_measures_and_a_command_that_repeats_it
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("Q.far", "Q is none of its robots (P)"),
+        ("Q.far", "unknown robot Q; robots are: P"),
         ("P.far +", "measure.far"),
         ("1 + 1", "measure.far: expected variables of its robots (P), got 1 + 1"),
     ],

@@ -38,7 +38,7 @@ ERRORS = {
         row(script("x = (1")),
         "t: not valid Python: '(' was never closed: `x = (1`",
     ),
-    "a fate of requests that is none": (
+    "an unknown value of retry": (
         row(service(service="pour", type="std_srvs/srv/Trigger", retry="Never")),
         "t: property retry='Never': expected safe, never or ask",
     ),

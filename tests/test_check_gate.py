@@ -45,7 +45,7 @@ LITERALS = {
     "an unknown type in a script": script('robot.publish("led", "std_msgs/msg/Colour")'),
     "a field that is none in a script": script('robot.publish("led", "std_msgs/msg/ColorRGBA", red=1.0)'),
     "an unknown service type": f'<serviceTask id="t">{properties(service="arm", type=TIGGER)}</serviceTask>',
-    "a fate of requests that is none": script("x = 1").replace("<script>", properties(retry="Never") + "<script>"),
+    "an unknown value of retry": script("x = 1").replace("<script>", properties(retry="Never") + "<script>"),
     "a constant that takes too long": '<scriptTask id="t" scriptFormat="feel"><script>count(for i in 1..1000000000 '
     "return i)</script></scriptTask>",
     "a call of itself": '<callActivity id="t" calledElement="P"/>',

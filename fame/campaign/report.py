@@ -258,7 +258,7 @@ def write_reports(
 
 
 def _column(values: Sequence[Any]) -> Sequence[Any]:
-    """The values of a column, which have one type: numbers of 64 bits, or text if one of them is none of these."""
+    """The values of a column, which have one type: numbers of 64 bits, or text if any of them is something else."""
     kinds = {type(value) for value in values} - {type(None)}
     if kinds <= {int, float} and all(-(2**63) <= value < 2**63 for value in values if isinstance(value, int)):
         return values

@@ -263,7 +263,7 @@ class Campaign:
             compile_expression(expression, element=element)
             read, names = effects_of(expression).reads, ", ".join(sorted(robots))
             for other in sorted(read - robots):
-                raise ConfigError(f"{other} is none of its robots ({names})", element=element)
+                raise ConfigError(f"unknown robot {other}; robots are: {names}", element=element)
             if not read:
                 raise ConfigError(f"expected variables of its robots ({names}), got {text}", element=element)
 

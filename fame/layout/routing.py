@@ -99,7 +99,7 @@ class RoutingGrid:
     def route(
         self, sources: Sequence[Docking], targets: Sequence[Docking], ends: Ends, through: Collection[Hashable]
     ) -> list[Point] | None:
-        """Return the corners of the best path, None if there is none. `through`: what it may run inside of."""
+        """Return the corners of the best path, or None. `through`: what it may run inside of."""
         goals = {(*found, port.direction): port for port in targets if (found := self._at(port.point)) is not None}
         if not goals:
             return None

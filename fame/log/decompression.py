@@ -1,7 +1,7 @@
 """Compressed parts of recordings and bags, unpacked to no more bytes than they may have.
 
-What data state of their own size is not believed: a few bytes can unpack to gigabytes. Nor is data that merely end:
-the packages return what there is of a stream that was cut short, which would be content that is lost without a word.
+The size that the data themselves give is not trusted: a few bytes can unpack to gigabytes. A stream that was cut short
+is an error: the packages would return its beginning, and nobody would notice that the rest is missing.
 """
 
 from __future__ import annotations

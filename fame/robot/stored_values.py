@@ -143,7 +143,7 @@ def _offered(value: Any) -> tuple[str, str] | None:
 
 
 def _attribute(value: Any, name: str) -> Any:
-    """An attribute of an attribute ...; None if there is none."""
+    """The value at a dotted path of attributes, or None."""
     for part in name.split(".") if name else ():
         value = None if part.startswith("__") else getattr(value, part, None)
     return value

@@ -1,8 +1,8 @@
-"""What keeps a node of monitoring from judging: who depends on it is told by signals and on ``/diagnostics``.
+"""Report what keeps a monitoring node from judging, by signals and on ``/diagnostics``.
 
-The signal ``monitor_blind`` (std_msgs/msg/String: node and reasons) is thrown when the reasons become others,
-``monitor_sees`` when there are none any more. A topic that another such node publishes is its matter: when it falls
-silent, that node says why. A model that catches a signal without giving its type gets std_msgs/msg/Empty.
+The signal ``monitor_blind`` (std_msgs/msg/String: node and reasons) is thrown when the reasons change,
+``monitor_sees`` when the last one is gone. Topics that another monitoring node publishes are not watched here: that
+node reports why one falls silent. A model that catches a signal without giving its type gets std_msgs/msg/Empty.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from fame.monitor.pipeline.phases import Phases
 WITHIN = 0.2
 """How late or early (s) a whole run may be."""
 LIKE = 1.5
-"""A begin may be so many times as unlike as the most unlike one of the training."""
+"""How many times as unlike a begin may be as the most unlike one of the training."""
 _LAGS = 8
 """Lags up to `StartWithin` that are tried, late and early, at most."""
 _TELLING = 16

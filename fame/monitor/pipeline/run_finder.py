@@ -122,13 +122,12 @@ class RunFinder:
         return np.asarray((windows[:, :, self._channels] - self._mean) / self._scale)
 
     def _told(self, stamp: float) -> float | None:
-        """Return the begin of a new run by the trigger, behind which a stamp lies; None if there is none."""
+        """Return the begin of the new run in which the trigger puts a stamp, or None."""
         begin, self._end = next((each for each in reversed(self.spans or ()) if each[0] <= stamp), (-np.inf, -np.inf))
         return begin if begin not in (self._run, -np.inf) else None
 
     def _found(self, part: Sequence[_Window]) -> float | None:
-        """Take the next windows. Return the begin (s) of a new run, of which the last windows are the first ones; None
-        if there is none."""
+        """Take the next windows. Return the begin (s) of a new run that the last of these belong to, or None."""
         if not self._single or self._begins is None:
             return None
         count, detector = self._begins["count"], self._phases

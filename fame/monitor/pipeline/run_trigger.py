@@ -94,7 +94,7 @@ class RunTracker:
         self._before: tuple[bool, bool] | None = None  # whether the last value met Starts, and Ends
 
     def feed(self, stamp: float, value: float) -> None:
-        """Take the next value; one that is not finite is none."""
+        """Take the next value. Values that are not finite are ignored."""
         if not np.isfinite(value):
             return
         starts, ends = (bool(each) and _holds(each, value) for each in self.trigger[1:3])

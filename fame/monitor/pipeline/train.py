@@ -431,7 +431,7 @@ def cut(
     runs: Sequence[Samples], config: Training, rate: float, axis: Axis, kept: Callable[[Floats], Floats] = np.asarray
 ) -> tuple[Floats, Floats]:
     """Return the windows of filtered runs, what is `kept` of them (n, window, channels), and the times of their ends
-    (n,), s on the axis of phases. Raises ConfigError if there are none."""
+    (n,), s on the axis of phases. Raises ConfigError without a window."""
     cut = [Windower().feed(run.replace(run.channels()), config.window, config.stride, rate) for run in runs]
     pairs = [
         (kept(part.values), run_times(run, part.stamps, axis)) for part, run in zip(cut, runs, strict=True) if len(part)
