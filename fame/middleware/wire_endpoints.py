@@ -207,6 +207,14 @@ class ServiceEndpoint(WireEndpoint):
         self.name, self.type = name, type
         self.request_type, self.response_type = messages.service(type)
 
+    def unpack(self, data: bytes, type: str) -> AnyMessage | None:
+        """Return a request or response; None, with a warning, if it cannot be read."""
+        try:
+            return codec.deserialize(data, type)
+        except MessageError as error:
+            self.node.middleware.warn(dropped_warning(self.name, str(error)))
+            return None
+
 
 class WireService(ServiceEndpoint):
     """A service. Raises MessageError if there is a service of that name already."""

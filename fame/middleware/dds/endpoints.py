@@ -25,10 +25,9 @@ from fame.middleware.dds.cyclone import user_data
 from fame.middleware.dds.discovery import DiscoveredEndpoint
 from fame.middleware.dds.participant import Participant
 from fame.middleware.dds.wire import matched
-from fame.middleware.errors import FOREIGN, dropped_warning
+from fame.middleware.errors import FOREIGN
 from fame.middleware.interface import AnyMessage, EndpointWarning, QoS
 from fame.middleware.qos import one_deeper
-from fame.middleware.wire_base import WarningsOnce
 from fame.middleware.wire_endpoints import WireClient, WirePublisher, WireService, WireSubscription
 
 if TYPE_CHECKING:
@@ -208,7 +207,6 @@ class _Exchange:
     """The two DDS endpoints of a service or client. `on_data` gets each message as CDR, its numbers and its sender."""
 
     participant: Participant
-    name: str
     writer: Any
     reader: Any
     writer_gid: bytes
@@ -218,7 +216,6 @@ class _Exchange:
     def __init__(
         self,
         participant: Participant,
-        warn: WarningsOnce,
         name: str,
         type: str,
         role: Literal["service", "client"],
@@ -228,8 +225,7 @@ class _Exchange:
         request = wire.dds_topic(name, wire.REQUEST, "Request"), request_type
         reply = wire.dds_topic(name, wire.REPLY, "Reply"), response_type
         received, sent = (request, reply) if role == "service" else (reply, request)
-        self.participant, self.name, self.closed = participant, name, False
-        self._warn, self._on_data, self._received_type = warn, on_data, received[1]
+        self.participant, self.closed, self._on_data = participant, False, on_data
         identity = participant.discovery.participant[:12] + next(_ids).to_bytes(4)
         data = f"{role}id={'.'.join(f'{byte:x}' for byte in identity)};"
         self.writer = participant.entities.writer(*sent, _QOS, data, header=True)
@@ -252,14 +248,6 @@ class _Exchange:
         self.participant.delete_soon(self.writer)
         self.participant.delete(self.reader)
 
-    def unpack(self, data: bytes) -> AnyMessage | None:
-        """Return a message; None, with a warning, if it cannot be read."""
-        try:
-            return codec.deserialize(data, self._received_type)
-        except MessageError as error:
-            self._warn(dropped_warning(self.name, str(error)))
-            return None
-
     def _read(self, data: bytes, sender: int) -> None:
         if not self.closed:
             numbers = _NUMBERS.unpack_from(data, wire.HEADER)
@@ -273,7 +261,7 @@ class DdsService(WireService):
 
     def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type, handler)
-        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "service", self.on_data)
+        self.exchange = _Exchange(node.participant, name, type, "service", self.on_data)
         self._reachable: set[int] = set()
 
     def release(self) -> None:
@@ -282,7 +270,7 @@ class DdsService(WireService):
 
     def on_data(self, data: bytes, numbers: Numbers, client: int) -> None:
         """Take a request."""
-        request = self.exchange.unpack(data)
+        request = self.unpack(data, self.request_type)
         if request is not None:
             self.handle(request, lambda response: self.respond(codec.serialize(response), numbers, client))
 
@@ -320,7 +308,7 @@ class DdsClient(WireClient):
 
     def __init__(self, node: DdsNode, name: str, type: str) -> None:
         super().__init__(node, name, type)
-        self.exchange = _Exchange(node.participant, node.middleware.warn, name, type, "client", self.on_data)
+        self.exchange = _Exchange(node.participant, name, type, "client", self.on_data)
         self.guid: int = wire.handle(self.exchange.writer.get_instance_handle())
         self._numbers = count(1)
 
@@ -358,7 +346,7 @@ class DdsClient(WireClient):
     def on_data(self, data: bytes, numbers: Numbers, service: int) -> None:
         """Take a response, which may be that to another client."""
         guid, number = numbers
-        if guid == self.guid and (response := self.exchange.unpack(data)) is not None:
+        if guid == self.guid and (response := self.unpack(data, self.response_type)) is not None:
             self.pending.respond(number, response)
 
 

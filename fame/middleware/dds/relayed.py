@@ -31,7 +31,6 @@ from fame.middleware import codec, typesystem
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.dds.link import ASK, DATA, EVENT, RelayLink
 from fame.middleware.dds.relay import KEY, Relay
-from fame.middleware.errors import dropped_warning
 from fame.middleware.interface import AnyMessage, EndpointWarning, QoS, TopicInfo
 from fame.middleware.wire_base import EndpointClasses, WireMiddleware, WireNode
 from fame.middleware.wire_endpoints import (
@@ -238,14 +237,6 @@ class _Relayed(WireEndpoint):
     def release(self) -> None:
         self.node.middleware.remove(self._number)
 
-    def unpack(self, data: bytes, type: str, name: str) -> AnyMessage | None:
-        """Return a request or response; None, with a warning, if it cannot be read."""
-        try:
-            return codec.deserialize(data, type)
-        except MessageError as error:
-            self.node.middleware.warn(dropped_warning(name, str(error)))
-            return None
-
 
 class RelayedPublisher(_Relayed, WirePublisher):
     uncounted: bool = False
@@ -285,7 +276,7 @@ class RelayedService(_Relayed, WireService):
         self.node.middleware.scheduler.soon(partial(self._on_request, data[: KEY.size], data[KEY.size :]))
 
     def _on_request(self, key: bytes, data: bytes) -> None:
-        request = None if self.closed else self.unpack(data, self.request_type, self.name)
+        request = None if self.closed else self.unpack(data, self.request_type)
         if request is not None:
             self.handle(request, lambda response: self.pass_on(key + codec.serialize(response)))
 
@@ -317,7 +308,7 @@ class RelayedClient(_Relayed, WireClient):
         self.node.middleware.scheduler.soon(partial(self._on_response, data))
 
     def _on_response(self, data: bytes) -> None:
-        response = None if self.closed else self.unpack(data[KEY.size :], self.response_type, self.name)
+        response = None if self.closed else self.unpack(data[KEY.size :], self.response_type)
         if response is not None:
             self.pending.respond(KEY.unpack_from(data)[0], response)
 

@@ -380,11 +380,7 @@ class ZenohClient(WireClient):
     def _on_reply(self, number: int, reply: zenoh.Reply) -> None:
         if self.closed or reply.ok is None:
             return
-        try:
-            response = codec.deserialize(reply.ok.payload.to_bytes(), self.response_type)
-        except MessageError as error:
-            self.node.middleware.warn(dropped_warning(self.name, str(error)))
-        else:
+        if (response := self.unpack(reply.ok.payload.to_bytes(), self.response_type)) is not None:
             self.pending.respond(number, response)
 
     def _on_end(self, number: int) -> None:
