@@ -85,14 +85,14 @@ def test_an_engine_that_takes_nothing_holds_up_nobody_and_gets_the_last_when_it_
     here.node("_listener", "A").subscription("/x", TEXT, lambda message: late.append(len(message.data)), QoS(depth=10))
     here.connect("/x")
     hangs = here.middlewares[-1]
-    ends, hangs.ends = hangs.ends, Halting(goes_on)  # the thread that reads stands still, as that of a stopped process
+    known, hangs.entities = hangs.entities, Halting(goes_on)  # its reading thread stops, as in a stopped process
     try:
         for number in range(200):  # far more than its socket holds
             sender.publish(messages.create(TEXT, "x" * (50_000 + number)))
             here.until(lambda number=number: len(said) == number + 1)
         assert late == []
     finally:
-        hangs.ends = ends
+        hangs.entities = known
         goes_on.set()
     here.until(lambda: late and late[-1] == 50_199)
     assert late == sorted(late)

@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import Any
 
 DATA, ASK, REPLY, EVENT = range(4)
-"""A message from or to an endpoint (its number); a question (0: nobody waits for the answer) and its answer; news."""
+"""A message from or to an endpoint (its number); a question (0: no answer is expected) and its answer; an event."""
 _HEAD = struct.Struct("<QBQ")
 _BUFFER = 2**20
 

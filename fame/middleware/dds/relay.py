@@ -45,10 +45,10 @@ _ANNOUNCE = SECOND // 20
 """How long changes of nodes are collected for one announcement (ns)."""
 _RETRY = SECOND // 100
 """When what an engine did not take is sent again (ns)."""
-_MOST = 1000
-"""Requests to a service that wait for its response."""
+_OPEN = 1000
+"""Requests to a service that wait for its response, at most."""
 _QUIET, _LATEST = SECOND // 4, 3 * SECOND
-"""For how long nothing more is found when all is, and how long that is waited for at most: a robot may move (ns)."""
+"""Discovery is over when it has found nothing for the first, or after the second: a robot may move (ns)."""
 
 
 class Relay:
@@ -114,7 +114,7 @@ class RelayedEngine(DdsMiddleware):
         self.names: set[str] = set()
         self.waiting: list[Callable[[], object]] = []
         self.link: PatientLink = PatientLink(end, self._retry)
-        self._relay, self._ends = relay, dict[int, Any]()
+        self._relay, self._entities = relay, dict[int, Any]()
         self._leaving: Entry | None = None
         threading.Thread(target=self._read, name="fame relay", daemon=True).start()
 
@@ -152,22 +152,22 @@ class RelayedEngine(DdsMiddleware):
     # ---- what the engine asks for, some of it again over another link ------------------------------------------------
 
     def make_node(self, number: int, name: str, namespace: str, part: str) -> None:
-        if number not in self._ends:
-            self._ends[number] = self.node(name, namespace, part)
+        if number not in self._entities:
+            self._entities[number] = self.node(name, namespace, part)
 
     def make(self, number: int, node: int, kind: str, name: str, type: str, *options: QoS) -> None:
         """Make an endpoint of a node. `kind` is the name of the method."""
-        if number in self._ends:
+        if number in self._entities:
             return
         self.names.add(name)
         handler = [partial(self.link.send, DATA, number)] if kind in ("subscription", "service") else []
-        self._ends[number] = end = getattr(self._ends[node], kind)(name, type, *handler, *options)
+        self._entities[number] = endpoint = getattr(self._entities[node], kind)(name, type, *handler, *options)
         if kind == "client":
-            end.on_response = partial(self.link.send, DATA, number)
+            endpoint.on_response = partial(self.link.send, DATA, number)
 
-    def end(self, number: int) -> None:
+    def remove(self, number: int) -> None:
         """Close a node or an endpoint."""
-        self._ends.pop(number).close()
+        self._entities.pop(number).close()
 
     def knows(self, type: str) -> bool:
         """Return whether a message type is known here: an engine may have read it from a file of its own."""
@@ -183,7 +183,7 @@ class RelayedEngine(DdsMiddleware):
         typesystem.add(contents)
 
     def connecting_of(self, node: int) -> list[str]:
-        return self.connecting(self._ends[node])
+        return self.connecting(self._entities[node])
 
     def graph_after(self, known: int) -> tuple[int, bytes]:
         """Return number and graph as `Relay.graph` does; no graph if its number is `known`."""
@@ -193,10 +193,10 @@ class RelayedEngine(DdsMiddleware):
     def take_losses(self) -> list[tuple[int, int, bool]]:
         """Return the endpoints that have lost messages since the last time: number, how many, whether more."""
         found = []
-        for number, end in self._ends.items():
-            if lost := getattr(end, "lost", 0):
-                found.append((number, lost, getattr(end, "uncounted", False)))
-                end.lost = 0
+        for number, endpoint in self._entities.items():
+            if lost := getattr(endpoint, "lost", 0):
+                found.append((number, lost, getattr(endpoint, "uncounted", False)))
+                endpoint.lost = 0
         return found
 
     # ---- the link ----------------------------------------------------------------------------------------------------
@@ -211,18 +211,18 @@ class RelayedEngine(DdsMiddleware):
 
     def pass_on(self, number: int, data: bytes) -> None:
         """Send what an endpoint of the engine sends. From any thread."""
-        if isinstance(end := self._ends.get(number), DdsPublisher):
+        if isinstance(endpoint := self._entities.get(number), DdsPublisher):
             try:
-                end.send(data)
+                endpoint.send(data)
             except MessageError as error:  # it has just been closed
-                self.warn(EndpointWarning(end.topic, str(error), "backend"))
-        elif end is not None:
-            self.scheduler.soon(partial(end.take, data))
+                self.warn(EndpointWarning(endpoint.topic, str(error), "backend"))
+        elif endpoint is not None:
+            self.scheduler.soon(partial(endpoint.take, data))
 
     def _answer(self, number: int, data: bytes) -> None:
         target, name, *arguments = pickle.loads(data)
         try:
-            value = getattr(self._ends[target] if target else self, name)
+            value = getattr(self._entities[target] if target else self, name)
             answer: tuple[bool, Any] = True, value(*arguments) if callable(value) else value
         except FameError as error:
             answer = False, error
@@ -268,7 +268,7 @@ class ForwardingService(DdsService):
         self._keys = count(time.monotonic_ns())  # none that a relay before has given to a request
 
     def on_data(self, data: bytes, numbers: Numbers, client: int) -> None:
-        if len(self._open) == _MOST:
+        if len(self._open) == _OPEN:
             if self.node.middleware.link.congested:  # type: ignore[attr-defined]
                 return
             del self._open[next(iter(self._open))]

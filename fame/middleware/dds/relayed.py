@@ -62,9 +62,9 @@ class RelayedMiddleware(WireMiddleware):
     ) -> None:
         super().__init__(scheduler, None, on_warning)
         self.link: RelayLink = RelayLink(end)
-        self.ends: dict[int, Any] = {}
+        self.entities: dict[int, Any] = {}
         self._made: dict[int, tuple[Any, ...]] = {}  # what was asked for each of them
-        self._numbers, self._open = count(1), dict[int, tuple[tuple[Any, ...], SimpleQueue[tuple[bool, Any]]]]()
+        self._numbers, self._questions = count(1), dict[int, tuple[tuple[Any, ...], SimpleQueue[tuple[bool, Any]]]]()
         self._ended, self._known = "", {*typesystem.BUILTIN}
         self._graph = -1, list[TopicInfo]()
         self._own: tuple[Relay, threading.Thread] | None = None
@@ -76,25 +76,25 @@ class RelayedMiddleware(WireMiddleware):
     def ask(self, name: str, *arguments: Any, of: int = 0) -> Any:
         """Return an attribute of what this process has at the other end, or of an endpoint; of a method, its result."""
         number, answer = next(self._numbers), SimpleQueue[tuple[bool, Any]]()
-        question, _ = self._open[number] = (of, name, *arguments), answer
+        question, _ = self._questions[number] = (of, name, *arguments), answer
         self.link.send_object(ASK, number, question)
         fine, value = (False, FameError(self._ended)) if self._ended else answer.get()
         if not fine:
             raise value
         return value
 
-    def add(self, end: Any, name: str, *arguments: Any) -> int:
+    def add(self, entity: Any, name: str, *arguments: Any) -> int:
         """Make a node or an endpoint at the other end. Returns its number."""
         number = next(self._numbers)
-        self.ends[number], self._made[number] = end, (name, number, *arguments)
+        self.entities[number], self._made[number] = entity, (name, number, *arguments)
         self.ask(*self._made[number])
         return number
 
     def remove(self, number: int) -> None:
-        """Close it."""
-        self.ends.pop(number, None)
+        """Close a node or an endpoint at the other end."""
+        self.entities.pop(number, None)
         self._made.pop(number, None)
-        self.link.send_object(ASK, 0, (0, "end", number))
+        self.link.send_object(ASK, 0, (0, "remove", number))
 
     def define(self, *types: str) -> None:
         """Let the other process know of message types that it does not know yet."""
@@ -124,9 +124,9 @@ class RelayedMiddleware(WireMiddleware):
 
     def losses(self) -> list[str]:
         for number, lost, uncounted in self.ask("take_losses"):
-            if (end := self.ends.get(number)) is not None:
-                end.count_lost(lost)
-                end.uncounted |= uncounted
+            if (endpoint := self.entities.get(number)) is not None:
+                endpoint.count_lost(lost)
+                endpoint.uncounted |= uncounted
         return super().losses()
 
     def connecting(self, node: Any) -> list[str]:
@@ -157,7 +157,7 @@ class RelayedMiddleware(WireMiddleware):
         finally:
             self._ended = why
             self.link.close()
-            for _, answer in list(self._open.values()):
+            for _, answer in list(self._questions.values()):
                 answer.put((False, FameError(why)))
             if not self.closed:
                 self.scheduler.stop()
@@ -166,13 +166,13 @@ class RelayedMiddleware(WireMiddleware):
         """Take what comes until the link ends."""
         for kind, number, data in self.link.messages():
             if kind == DATA:
-                if (end := self.ends.get(number)) is not None:
-                    end.take(data)
+                if (endpoint := self.entities.get(number)) is not None:
+                    endpoint.take(data)
             elif kind == EVENT:
                 name, argument = pickle.loads(data)
                 self.scheduler.soon(partial(getattr(self, name), argument))
             else:
-                _, answer = self._open.pop(number, (None, None))
+                _, answer = self._questions.pop(number, (None, None))
                 if answer is not None:  # else it was asked twice, over two links
                     answer.put(pickle.loads(data))
 
@@ -189,7 +189,7 @@ class RelayedMiddleware(WireMiddleware):
             except MessageError as error:  # such as a service that another node offers by now
                 self.warn(EndpointWarning("", str(error), "backend"))
             else:
-                for data in tuple(getattr(self.ends.get(number), "kept", ())):
+                for data in tuple(getattr(self.entities.get(number), "kept", ())):
                     engine.pass_on(number, data)
         engine.settle()
         thread = threading.Thread(target=relay.scheduler.run, name="fame participant", daemon=True)
@@ -197,14 +197,14 @@ class RelayedMiddleware(WireMiddleware):
         self._own = relay, thread
         self.scheduler.soon(self._drop_requests)
         self.link.connect(here)
-        for number, (question, _) in list(self._open.items()):
+        for number, (question, _) in list(self._questions.items()):
             self.link.send_object(ASK, number, question)
 
     def _drop_requests(self) -> None:
         """Drop the requests without response: none comes to the clients that were made again."""
-        for end in list(self.ends.values()):
-            if isinstance(end, RelayedClient):
-                end.take_servers(frozenset())
+        for entity in list(self.entities.values()):
+            if isinstance(entity, RelayedClient):
+                entity.take_servers(frozenset())
 
 
 def _definitions(type: str) -> Iterator[tuple[Any, ...]]:
@@ -216,13 +216,13 @@ def _definitions(type: str) -> Iterator[tuple[Any, ...]]:
             yield from _definitions(field.base)
 
 
-class _Relayed(WireEndpoint):
+class _RelayedEndpoint(WireEndpoint):
     """An endpoint that is at the other end of the link."""
 
     node: RelayedNode
 
     def make(self, types: tuple[str, ...], kind: str, name: str, *options: Any) -> None:
-        """Make it there."""
+        """Make the endpoint there."""
         middleware = self.node.middleware
         middleware.define(*types)
         self._number: int = middleware.add(self, "make", self.node.number, kind, name, *options)
@@ -238,7 +238,7 @@ class _Relayed(WireEndpoint):
         self.node.middleware.remove(self._number)
 
 
-class RelayedPublisher(_Relayed, WirePublisher):
+class RelayedPublisher(_RelayedEndpoint, WirePublisher):
     uncounted: bool = False
 
     def __init__(self, node: RelayedNode, topic: str, type: str, qos: QoS) -> None:
@@ -255,7 +255,7 @@ class RelayedPublisher(_Relayed, WirePublisher):
         return int(self.ask("subscriber_count"))
 
 
-class RelayedSubscription(_Relayed, WireSubscription):
+class RelayedSubscription(_RelayedEndpoint, WireSubscription):
     def __init__(self, node: RelayedNode, topic: str, type: str, callback: Callback, qos: QoS) -> None:
         super().__init__(node, topic, type, callback, qos)
         self.make((self.type,), "subscription", topic, self.type, qos)
@@ -266,7 +266,7 @@ class RelayedSubscription(_Relayed, WireSubscription):
         self.schedule()
 
 
-class RelayedService(_Relayed, WireService):
+class RelayedService(_RelayedEndpoint, WireService):
     def __init__(self, node: RelayedNode, name: str, type: str, handler: Callable[[AnyMessage], Any]) -> None:
         super().__init__(node, name, type, handler)
         self.make((self.request_type, self.response_type), "service", name, type)
@@ -281,7 +281,7 @@ class RelayedService(_Relayed, WireService):
             self.handle(request, lambda response: self.pass_on(key + codec.serialize(response)))
 
 
-class RelayedClient(_Relayed, WireClient):
+class RelayedClient(_RelayedEndpoint, WireClient):
     def __init__(self, node: RelayedNode, name: str, type: str) -> None:
         super().__init__(node, name, type)
         self._keys = count(1)
