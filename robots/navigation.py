@@ -232,19 +232,12 @@ class Navigator:
                 return BACKUP_TIMEOUT
             assert self.pose is not None
             behind = self.pose.ahead(-self.limits.radius - 0.1)
-            if stalled > 20 or self._is_solid(behind):
+            if stalled > 20 or not (self.ground is None or self.ground.is_free(behind)):
                 return COLLISION
             yield Velocity(-min(speed, self.limits.speed))
             stalled = stalled + 1 if math.dist(start, self.here) <= gone[0] + 1e-3 else 0
             gone[0] = max(gone[0], math.dist(start, self.here))
         return 0
-
-    def _is_solid(self, place: Point) -> bool:
-        """Whether the map has an obstacle at a place. What is outside of the map is not known to be free."""
-        if self.ground is None:
-            return False
-        cell = self.ground.cell(place)
-        return not self.ground.has(*cell) or bool(self.ground.occupied[cell])
 
     def wait(self, seconds: float) -> Maneuver:
         until = self.scheduler.now + round(seconds * SECOND)

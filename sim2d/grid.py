@@ -52,6 +52,11 @@ class Grid:
         rows, columns = self.occupied.shape
         return row in range(rows) and column in range(columns)
 
+    def is_free(self, place: Point) -> bool:
+        """Return whether a place is inside of the grid, in a cell that is not occupied."""
+        cell = self.cell(place)
+        return self.has(*cell) and not self.occupied[cell]
+
     def fields(self) -> dict[str, Any]:
         """Return the fields of a nav_msgs/msg/OccupancyGrid in the frame `map`."""
         height, width = self.occupied.shape

@@ -487,9 +487,9 @@ def _unreachable_goals(run: Run) -> Iterator[Finding]:
                 given = {name: value.text for id in call.data_inputs for name, value in objects.get(id, {}).items()}
                 with suppress(KeyError, ValueError, OverflowError):  # not constant
                     x, y = float(given["x_goal"]), float(given["y_goal"])
-                    cell = grid.cell((x, y))
-                    where = "inside an obstacle" if grid.has(*cell) else f"outside the ground ({grid.extent})"
-                    if not grid.has(*cell) or grid.occupied[cell]:
+                    inside = grid.has(*grid.cell((x, y)))
+                    where = "inside an obstacle" if inside else f"outside the ground ({grid.extent})"
+                    if not grid.is_free((x, y)):
                         text = f"{node.name} is sent to x={x:g} y={y:g}, {where}"
                         yield Finding("warning", text, home.file, call.line, call.id)
 
