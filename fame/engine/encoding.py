@@ -15,10 +15,11 @@ Convert = Callable[[Any], Any]
 
 def no_data(value: Any) -> Any:
     """Reject values that cannot be serialised. Raises MissionError."""
-    raise _unstorable(value, "it is not plain data")
+    raise unstorable(value, "it is not plain data")
 
 
-def _unstorable(value: Any, reason: str) -> MissionError:
+def unstorable(value: Any, reason: str) -> MissionError:
+    """Return the error of a value that cannot be serialised."""
     return MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: {reason}")
 
 
@@ -37,7 +38,7 @@ def encode(value: Any, dump: Convert = no_data) -> Any:
     except (MissionError, MemoryError):
         raise
     except Exception as error:  # of the code of a library
-        raise _unstorable(value, f"{type(error).__name__}: {error}") from error
+        raise unstorable(value, f"{type(error).__name__}: {error}") from error
 
 
 def _encode(value: Any, dump: Convert) -> Any:

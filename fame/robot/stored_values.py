@@ -26,7 +26,7 @@ from typing import Any
 import orjson
 
 from fame.bpmn.model import Expression
-from fame.engine.encoding import no_data
+from fame.engine.encoding import no_data, unstorable
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages, typesystem
 from fame.robot.mission import Mission, expressions_of
@@ -95,8 +95,7 @@ def dump(value: Any, name_of: Callable[[Any], tuple[str, str] | None] | None = N
     except (MissionError, MemoryError, RecursionError):
         raise
     except Exception as error:  # of the code of a library
-        kind = type(value).__name__
-        raise MissionError(f"a {kind} cannot be kept in a snapshot: {type(error).__name__}: {error}") from error
+        raise unstorable(value, f"{type(error).__name__}: {error}") from error
 
 
 def _dump(value: Any, name_of: Callable[[Any], tuple[str, str] | None]) -> Any:
@@ -206,24 +205,24 @@ class StoredValues:
             return array.reshape(())[()] if shape is None else array.reshape(shape)
         if "module" not in data:  # another mapping, as FAME 0.2 wrote it
             return data
-        return self._again(data["module"], data.get("name", ""))
+        return self._load_named(data["module"], data.get("name", ""))
 
-    def _again(self, module: str, name: str) -> Any:
-        """What is stored by its name. What no script can have got by it is missing."""
+    def _load_named(self, module: str, name: str) -> Any:
+        """A value that is stored by its name; None, reported as lost, for one that no script can have had."""
         if not self._may_have(module, name):
             what = f"{module} {name}".rstrip()
             self._lost(f"a value of the state is lost: {what} is of no module that a script of the model imports")
             return None
         try:
-            return self._found(module, name)
+            return self._resolve(module, name)
         except (ImportError, AttributeError) as error:
             raise MissionError(f"{module} {name}: cannot be imported again: {error}") from error
 
     def _may_have(self, module: str, name: str) -> bool:
         return module.partition(".")[0] in self._packages or (module == _BUILTINS and name in _GIVEN)
 
-    def _found(self, module: str, name: str) -> Any:
-        """What has a name. Raises ImportError or AttributeError."""
+    def _resolve(self, module: str, name: str) -> Any:
+        """The value that has a name. Raises ImportError or AttributeError."""
         if module == _BUILTINS and name in _GIVEN:
             return _GIVEN[name]
         found = _attribute(import_module(module), name)
@@ -232,14 +231,14 @@ class StoredValues:
         return found
 
     def _name(self, value: Any) -> tuple[str, str] | None:
-        """The module and name under which `_again` finds a value; None if there is none.
+        """The module and name under which `_resolve` finds a value, or None.
 
         Many modules offer what another one has: heappush says that it is of `_heapq`, os.path is `posixpath`.
         """
         for module, name in self._names(value):
             if self._may_have(module, name):
                 with suppress(Exception):  # of code of a library that makes its attributes
-                    if self._found(module, name) is value:
+                    if self._resolve(module, name) is value:
                         return module, name
         return None
 
