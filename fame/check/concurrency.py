@@ -227,10 +227,10 @@ def _assigned(node: ast.AST) -> tuple[Sequence[ast.expr], ast.expr | None]:
             return targets, value
         case ast.AnnAssign(target=target, value=value) if value is not None:
             return [target], value
-        case ast.NamedExpr(target=target, value=value) | ast.For(target=target, iter=value):
-            return [target], value
         case (
-            ast.AsyncFor(target=target, iter=value)
+            ast.NamedExpr(target=target, value=value)
+            | ast.For(target=target, iter=value)
+            | ast.AsyncFor(target=target, iter=value)
             | ast.withitem(optional_vars=ast.expr() as target, context_expr=value)
         ):
             return [target], value

@@ -8,19 +8,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 
-from fame.bpmn.extension_properties import (
-    ANY,
-    PROCESSES,
-    PROPERTIES,
-)
-from fame.bpmn.model import (
-    Activity,
-    CallActivity,
-    DataObject,
-    Definitions,
-    Element,
-    Task,
-)
+from fame.bpmn.extension_properties import ANY, PROCESSES, PROPERTIES
+from fame.bpmn.model import Activity, CallActivity, DataObject, Definitions, Element, Task
 from fame.bpmn.pools import pools_of
 from fame.check.expressions import expressions_in
 from fame.check.literals import properties_of

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
     from fame.scenario import Scenario
 
-_DRAW_EXAMPLES = (
+_EXAMPLES = (
     "fame draw models/ground_vehicles.bpmn -o out/mission.svg",
     "fame draw models/ground_vehicles.bpmn -o out/path.svg --log out/run.mcap --robot REX",
     "fame draw out/run.mcap -o out/run.gif",
@@ -26,7 +26,7 @@ _DRAW_EXAMPLES = (
 
 
 def add(commands: Commands) -> None:
-    parser = command(commands, "draw", run, examples=_DRAW_EXAMPLES)
+    parser = command(commands, "draw", run, examples=_EXAMPLES)
     parser.add_argument(
         "model", type=Path, nargs="?", metavar="MODEL.bpmn|RUN.mcap", help="what an .svg shows, or a film"
     )

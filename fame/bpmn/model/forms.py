@@ -63,7 +63,7 @@ def _expected(field: FormField, value: Any) -> str:
     """What a field expects, if this is not it. A field for text takes what can be written."""
     if value is None or (value == "" and field.kind in ("text", "textarea")):
         return "a value" if field.required else ""
-    options = [each for each, _ in field.options if isinstance(each, bool) == isinstance(value, bool)]  # 1 is no true
+    options = [each for each, _ in field.options if isinstance(each, bool) == isinstance(value, bool)]  # 1 is not true
     if field.kind in ("select", "radio") and field.options and value not in options:
         return f"one of {', '.join(str(each) for each, _ in field.options)}"
     if field.kind == "checkbox" and not isinstance(value, bool):
@@ -79,15 +79,10 @@ def _expected(field: FormField, value: Any) -> str:
 
 
 def _bounds(least: float, most: float) -> str:
-    if math.isfinite(least) and math.isfinite(most):
-        return f" from {least:.15g} to {most:.15g}"
-    return (
-        f" of {least:.15g} or more"
-        if math.isfinite(least)
-        else f" of {most:.15g} or less"
-        if math.isfinite(most)
-        else ""
-    )
+    low, high = (f"{bound:.15g}" if math.isfinite(bound) else "" for bound in (least, most))
+    if low and high:
+        return f" from {low} to {high}"
+    return f" of {low} or more" if low else f" of {high} or less" if high else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

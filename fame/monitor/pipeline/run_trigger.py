@@ -97,7 +97,7 @@ class RunTracker:
         """Take the next value. Values that are not finite are ignored."""
         if not np.isfinite(value):
             return
-        starts, ends = (bool(each) and _holds(each, value) for each in self.trigger[1:3])
+        starts, ends = (bool(each) and _holds(each, value) for each in (self.trigger.starts, self.trigger.ends))
         before, self._before = self._before or (True, True), (starts, ends)
         if self.trigger.calls:
             before = False, False
