@@ -715,6 +715,14 @@ def test_what_may_go_wrong_is_found_in_the_background_and_plays_on_the_diagram(
         until(page, "document.querySelector('#steps').hidden && !document.querySelector('.play')")
 
 
+def begin_entry(page: Page, group: str, entry: str, text: str) -> None:
+    """Type a text in place of what an entry of the properties panel has."""
+    page.locator(".bio-properties-panel-group-header-title", has_text=group).click()
+    page.locator(f"#bio-properties-panel-{entry}").click()
+    page.keyboard.press("Control+a")
+    page.keyboard.type(text)
+
+
 def test_what_is_typed_is_completed_from_the_scenario(
     chromium: Browser, library: Path, model: Path, tmp_path: Path
 ) -> None:
@@ -722,10 +730,7 @@ def test_what_is_typed_is_completed_from_the_scenario(
     subject.write_text("model: m.bpmn\nworld: {size: [4, 4], robots: {P: {type: car, at: [1, 1]}}}\n")
     with ModelEdit(subject, library) as source, Server(source) as server, opened(chromium, server) as page:
         shape(page, "t").click()
-        page.locator(".bio-properties-panel-group-header-title", has_text="Script").click()
-        page.locator("#bio-properties-panel-scriptValue").click()
-        page.keyboard.press("Control+a")
-        page.keyboard.type("last = robot.la")
+        begin_entry(page, "Script", "scriptValue", "last = robot.la")
         page.locator("#words button", has_text="latest").wait_for()
         page.keyboard.press("Enter")
         page.keyboard.type("('od")
@@ -748,10 +753,7 @@ def test_a_model_of_camunda_8_has_templates_and_is_completed_in_feel(
         known = set(page.evaluate("edit.modeler.get('elementTemplates').getAll().map(one => one.id)"))
         assert known == {one["id"] for one in source.mission()["templates"]}
         page.evaluate("edit.select('Flow_5')")
-        page.locator(".bio-properties-panel-group-header-title", has_text="Condition").click()
-        page.locator("#bio-properties-panel-conditionExpression").click()
-        page.keyboard.press("Control+a")
-        page.keyboard.type("dist")
+        begin_entry(page, "Condition", "conditionExpression", "dist")
         page.locator("#words button", has_text="distance").wait_for()
         page.keyboard.press("Enter")
         page.keyboard.type(" > cou")
