@@ -1,4 +1,4 @@
-"""Values that a model gives once and for all, and that are wrong: of properties, and of expressions."""
+"""Checks of values that are written in the model: of properties, and of constant expressions."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
 from fame.robot.mission import MISSED, RETRIES
 
 _VALUES: Mapping[str, Sequence[str]] = {"retry": RETRIES, "missed": MISSED}
-"""The values of those properties whose readers take any other one for the default."""
+"""The known values of properties; the readers of these take any other value for the default."""
 
 
 def check_literals(scope: CheckScope) -> Iterator[Finding]:
-    """Find properties with values that nobody knows, and constants that cannot be computed in time."""
+    """Find unknown values of properties, and constants that cannot be computed in time."""
     for process in scope.processes:
         yield from _values(process, process.bpmn, set(PROPERTIES[PROCESSES]))
         for node in process.nodes():

@@ -273,7 +273,7 @@ class Report:
     def to_json(self, key: Any = None) -> str:
         """Return the JSON text that is sent, signed with a private key if one is given.
 
-        Of a report that nobody would accept, because a script has failed with a long text, all texts are shortened.
+        If a script has failed with a text so long that the report would be refused, all texts are shortened.
         """
         content = fields.values(self)
         text = json_bytes(content)

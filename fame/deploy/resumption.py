@@ -87,7 +87,7 @@ class StateKeeper:
         return StoredMission(self._envelope(header, trusted), contents)
 
     def _take_answers(self, tables: Tables) -> None:
-        """Know the stored answers, and what was refused since: the rest of what is not on the disk is not done."""
+        """Take the stored answers, and later refusals: what other answers reported is not in the stored state."""
         refused = {id: answer for id, answer in self.answers.items() if answer[0] == "refused"}
         self.answers.clear()
         self.answers.update({**tables.get("answers", {}), **refused})

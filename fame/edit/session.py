@@ -329,7 +329,7 @@ _LEFT_OUT = (ORDER, "executable", "multi instance")
 
 
 def _has_gaps(model: Definitions) -> bool:
-    """Whether there is no diagram, or something is missing among what is drawn, so that nobody would see it."""
+    """Whether there is no diagram, or one in which elements are missing."""
     drawn = {one.element for one in model.shapes} | {one.element for one in model.edges}
     bodies = [body for process in model.processes for body in process.body.bodies()]
     groups = [{one.id for one in (*body.nodes, *body.flows)} for body in bodies]

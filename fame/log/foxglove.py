@@ -29,7 +29,7 @@ class FoxgloveServer(Closing):
         import foxglove
         import foxglove.websocket
 
-        # what a client sends wrongly is no news for the operator: it would be printed as a whole
+        # it would print whatever a client sends wrongly, as a whole
         logging.getLogger("foxglove.websocket.connected_client").setLevel(logging.CRITICAL)
         listener = {"on_subscribe": staticmethod(self._on_subscribe)}
         self._foxglove, self._context = foxglove, foxglove.Context()

@@ -38,7 +38,7 @@ def convert(
     `level`: everything, or what somebody drew (`fame.mining.mission_level`; for OCEL the default). `named`: for OCEL,
     objects that variables name. `robots`: patterns of names; the events of others are left out, in logs of events.
     Raises ConfigError for a name with another end, an option for another form, robots and variables that are not there,
-    a file that is no recording, and one that cannot be written.
+    a file that is not a recording, and one that cannot be written.
     """
     target = Path(target)
     name = target.name.lower()

@@ -311,9 +311,12 @@ def _runs_of(
 def _triggered(
     trigger: RunTrigger, stamps: Floats, values: Floats, parts: Sequence[Whole], path: Path, undisturbed: bool
 ) -> list[tuple[Whole, str]]:
-    """Return the rows of each run that a trigger tells, of the parts of a file, and what is to be said of it: the first
-    one says what lies outside of every run. Of `undisturbed` runs the one that goes on when the file ends has no rows,
-    unless the file is one run. Raises ConfigError if there is no undisturbed run; else the one there is has no rows."""
+    """Return the rows of each run by its trigger, of the parts of a file, each with a note; the note of the first says
+    how many rows lie outside of every run.
+
+    Of `undisturbed` runs, the one that goes on when the file ends has no rows, unless the file is one run. Of a file
+    without a run, the result is a run without rows; where `undisturbed` runs are wanted, it raises ConfigError.
+    """
     found = list[tuple[Whole, str]]()
     for rows in parts:
         known = rows[np.isfinite(stamps[rows])]

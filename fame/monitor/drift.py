@@ -76,7 +76,7 @@ class DriftMonitor:
             text = f"is of the channels {', '.join(map(str, names))}; expected {', '.join(self.names)}: remove it"
             raise ConfigError(text, file=str(path))
         if not np.isfinite(sums).all():
-            raise ConfigError("is not the state of a drift monitor: a sum is no finite number", file=str(path))
+            raise ConfigError("is not the state of a drift monitor: a sum is not finite", file=str(path))
         self.sums, self.runs = sums, runs
 
 

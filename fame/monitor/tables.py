@@ -2,8 +2,8 @@
 
 Cells of a CSV file are separated by a semicolon, tab, comma or |; a decimal comma needs another separator than the
 comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00; true is 1, and false 0. In a recorded table a cell may
-be empty: a row holds the message of one topic. What is not a number is said
-with its line and column, never read as something else.
+be empty: a row holds the message of one topic. What is not a number is reported with its line and column, never read as
+something else.
 """
 
 from __future__ import annotations

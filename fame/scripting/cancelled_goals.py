@@ -18,8 +18,8 @@ from fame.middleware.actions import ActionClient, Goal, GoalEnd
 BOUND = 5.0
 """Time in which a cancelled goal is expected to end (s): Nav2 brings a robot to a stop first."""
 _AGAIN = (SECOND, 3 * SECOND)
-"""When a goal of before that its server does not know is cancelled again (ns): the request to accept it may come after
-that to cancel it."""
+"""Delays (ns) after which an earlier goal, unknown to its server, is cancelled again: the request to accept it may
+arrive after the one to cancel it."""
 _KEPT = 100
 """Number of goals that have ended whose outcome is known."""
 

@@ -58,7 +58,7 @@ def checked(value: Any, name: str) -> Any:
     if value.__class__ in PLAIN:
         return value
     if value.__class__.__module__ == "numpy" and getattr(value, "shape", None) == ():
-        return value.tolist()  # its integers overflow without an error, and its truth values are no bool
+        return value.tolist()  # integers of numpy overflow without an error, and its truth values are not bool
     if callable(value) or isinstance(value, ModuleType):
         raise TypeError(f"`{name}` is not data: functions, classes and modules cannot be used here")
     return value

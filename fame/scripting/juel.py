@@ -1,8 +1,8 @@
 """The expressions of Camunda 7, ``${...}``: the data side of Jakarta Expression Language 3 (its chapter 1).
 
 A name that is not set is an error, except for ``empty``; a field of null is null. Texts that hold numbers count as
-numbers beside numbers. Unlike there: ``+`` joins texts that are no numbers, an empty text is no number, and dividing
-by zero is an error, not infinity.
+numbers beside numbers. Unlike there: ``+`` joins texts that are not numbers, an empty text is not a number, and
+dividing by zero is an error, not infinity.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _arithmetic(compute: Compute) -> Callable[[Evaluate, Evaluate], Evaluate]:
 
 
 def _plus(left: Any, right: Any) -> Any:
-    """The sum; of texts that are no numbers, the two joined."""
+    """The sum; of texts that are not numbers, the two joined."""
     try:
         return (to_number(left) or 0) + (to_number(right) or 0)
     except TypeError:

@@ -590,7 +590,7 @@ def step_of(script: Expression) -> AbstractStep:
 
 
 def _at(value: Any, path: str, lists: bool) -> Any:
-    """What an expression finds in a message or mapping by a path such as ``.pose.x``; of `lists`, all that is there."""
+    """What an expression finds in a message or mapping by a path such as ``.pose.x``; with `lists`, a whole list."""
     for name in path.split(".")[1:]:
         if lists and isinstance(value, list | tuple):
             return value

@@ -27,7 +27,7 @@ _AGAIN, _PATIENCE = 1.0, 10.0
 """After how long a request is repeated, and after how long a robot is given up (s)."""
 _LONGEST = 1_000_000
 _OVERLAP = 4096
-"""Bytes at the end of what is here that are compared: another file, or what a loss of power has left (bytes)."""
+"""Bytes at the end of the local file that are compared: it may be another file, or damaged by a loss of power."""
 
 
 def add(parts: Commands) -> None:

@@ -160,7 +160,7 @@ class Tried:
     def put(self, number: int, losses: Callable[[Samples], Samples]) -> None:
         """Put every fault into a run, and keep what `losses` gives from the onset on, if it is one of the chosen.
 
-        One that changes nothing, as two wires of one channel, is no fault of this run.
+        A fault that changes nothing, such as two swapped wires of one channel, does not count for this run.
         """
         run = self._runs[number]
         for case in CASES if number in self._chosen and len(run) else ():

@@ -56,7 +56,7 @@ Complete = Callable[[Sequence[LabelledRun], Sequence[str]], Sequence[LabelledRun
 FINE = 0.05
 """Longest time between two phases, s; where rows are farther apart, as they are."""
 LARGEST = 1e100
-"""Value that trains, at most: squares of it are numbers."""
+"""Largest value that is trained on: its square is still finite."""
 REPEATING = 0.5
 """Share of the variance of a channel that the time since the start explains in runs that repeat."""
 

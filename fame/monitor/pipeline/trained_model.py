@@ -26,7 +26,7 @@ from fame.text import write_file
 LEAST_MOVEMENT = "least_movement"
 """In the conditions of a model."""
 FARTHEST = 1e60
-"""Deviation, in the scaled unit, from which on values are alike: squares of it are numbers."""
+"""Deviation, in the scaled unit, from which on values count as the same: its square is still finite."""
 STILL = 0.1
 """A channel that moves less than this part of its least movement in training hardly moves."""
 

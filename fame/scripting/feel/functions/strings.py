@@ -123,7 +123,7 @@ def _data(value: Any) -> Any:
 
 
 def _json(text: str) -> Any:
-    """The value of JSON. Raises ValueError for what is none, and for numbers that no float has."""
+    """The value of a JSON text. Raises ValueError for invalid JSON, and for numbers that are too large for a float."""
     return json.loads(text, parse_constant=_number, parse_float=_number)
 
 
