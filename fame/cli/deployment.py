@@ -231,7 +231,7 @@ def _reports(
     from fame.cli.network import wait_until
     from fame.cli.robots import subscribe_reports
 
-    node = middleware.node("_fame_previous")
+    node = middleware.node("_fame_reports")
     trusted = [options.key.public_key()] if options.key is not None else []
     reports, _, strange = subscribe_reports(node, robots, trusted)
     patience = options.patience_of(len(robots))

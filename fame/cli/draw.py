@@ -129,11 +129,10 @@ def check_drawings(arguments: Namespace, scenario: Scenario) -> None:
                 raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
 
 
-def draw_run(arguments: Namespace, logs: Sequence[Path], line: ProgressLine | None) -> None:
-    """Make the wanted drawings of the recording among the logs of a run."""
+def draw_run(arguments: Namespace, drawings: Sequence[Path], logs: Sequence[Path], line: ProgressLine | None) -> None:
+    """Make drawings of the recording among the logs of a run."""
     from fame.scenario.films import draw_film
 
-    drawings = [path for path in (arguments.picture, arguments.animate) if path is not None]
     title = arguments.scenario.stem.replace("_", " ").capitalize()
     for recording in [path for path in logs if path.suffix.lower() == ".mcap" and path.exists()][:1]:
         progress = line.count_frames if line is not None else None

@@ -162,8 +162,8 @@ def run(arguments: Namespace) -> int:
             )
             if page is not None:
                 page.end(result.status)
-        if _drawings(arguments):
-            load(DRAW_RUN)(arguments, logs, line)
+        if drawings := _drawings(arguments):
+            load(DRAW_RUN)(arguments, drawings, logs, line)
         if page is not None:
             code = _print_result(arguments, result)
             load(VIEW_WAIT)()
@@ -256,8 +256,8 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             judge = partial(_judgements, arguments, scenario)
             result = replace(result, judgements=tuple(logs.finish(judge)))
         with progress_line(sys.stderr, wanted=not quiet) as line:
-            if _drawings(arguments):
-                load(DRAW_RUN)(arguments, files, line)
+            if drawings := _drawings(arguments):
+                load(DRAW_RUN)(arguments, drawings, files, line)
     return _print_result(arguments, result, reports=False)
 
 
