@@ -356,16 +356,16 @@ def _queues(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
 
 
 def _passed_twice(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
-    """Catching events whose queue keeps the signal that an event before them, or inside of what is, catches."""
-    told: set[tuple[str, str]] = set()
+    """Catching events whose queue keeps a signal that is caught before: by an event, or inside of an activity."""
+    reported: set[tuple[str, str]] = set()
     for node in graph.body.nodes:
         inside = node.body.walk() if node.body is not None else ()
         caught = {name: one for one in (*inside, node) if one.place in ("catch", "boundary") for name in _signals(one)}
         for id in graph.reach(graph.following[node.id], {node.id}) if caught else ():
             later = graph.nodes[id]
             kept = [name for name, queue in _signals(later).items() if queue and name in caught]
-            if kept and later.place == "catch" and (id, node.id) not in told:
-                told.add((node.id, id))
+            if kept and later.place == "catch" and (id, node.id) not in reported:  # in a loop each is before the other
+                reported.add((node.id, id))
                 text = f"keeps the {kept[0]} that {caught[kept[0]].display_name} catches, too: one signal passes both"
                 yield process.finding("warning", f"its queue {text}", later)
 

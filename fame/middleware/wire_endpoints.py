@@ -278,7 +278,7 @@ class WireClient(ServiceEndpoint):
             self.take_servers(self.servers())
 
     def take_servers(self, servers: Set[Hashable]) -> None:
-        """Do so, now that these are there."""
+        """Drop the requests to which none of these servers, all that are there now, will respond."""
         if self.pending.servers_changed(servers):
             self.warn_unanswered()
         self.insistent.on_servers_changed(servers)

@@ -138,7 +138,7 @@ class RelayedEngine(DdsMiddleware):
         self._leaving = self.scheduler.after(round(lease(LEASE) * SECOND), self.close) if stopped else None
 
     def settle(self) -> None:
-        """Run until what is there is found, and connected to its publishers."""
+        """Run until discovery is over and the endpoints of others are connected."""
         latest, found, discovery = self.scheduler.now + _LATEST, -1, self.participant.discovery
         while (found != discovery.changes or any(map(self.connecting, self.nodes))) and self.scheduler.now < latest:
             found = discovery.changes
