@@ -12,10 +12,11 @@ from fame.cli import main
 from fame.errors import ConfigError
 from fame.monitor.calibration import calibrate
 from fame.monitor.model_card import card_of
-from fame.monitor.pipeline.compare import REPEATED, Compared, compare
+from fame.monitor.pipeline.compare import REPEATED, Compared, best, compare
 from fame.monitor.pipeline.faults import CASES, FAULTS, Tried, faulty
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit
+from fame.monitor.pipeline.training_checks import memorised
 
 RUNS = [own_data.run(seed) for seed in range(8)]
 QUICK = Training(window=20, samples=2000, epochs=2, hidden=(4, 2, 4), folds=2)
@@ -33,6 +34,16 @@ def test_every_detector_has_its_figures_and_the_best_comes_first():
     assert best.latency is not None
     assert 0 <= best.latency < 10
     assert best.cost > 0
+
+
+def test_a_detector_that_learned_its_runs_by_heart_is_none_of_the_best():
+    """Training would refuse the model: windows of 30 samples of four channels, and not many more windows."""
+    rng = np.random.default_rng(3)
+    runs = [Samples(rng.standard_normal((300, 4)).cumsum(0), np.arange(300) / 10) for _ in range(6)]
+    config = Training(window=30, stride=30, folds=3)
+    ranked = compare(runs, config, ("mahalanobis", "knn"))
+    assert [(item.detector, item.by_heart) for item, _ in ranked] == [("knn", False), ("mahalanobis", True)]
+    assert not memorised(best(runs, config, ("mahalanobis", "knn")))
 
 
 def test_false_alarms_beyond_chance_come_before_faults_and_these_before_the_order_of_names():

@@ -27,6 +27,7 @@ from fame.monitor.pipeline.detectors import DETECTORS, is_class, split_rule
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, repeats
 from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.pipeline.training_checks import memorised
 
 ALL = (*DETECTORS, "any of phase, knn", "any of phase, knn, mahalanobis")
 """What is compared if the user asks."""
@@ -38,13 +39,16 @@ FEW = "mahalanobis"
 """What fewer than `FEWEST` runs get."""
 CHANCE = 0.05
 """Probability, by chance alone, of so many false alarms, below which they are too many."""
-RULE = "the best keeps the rate of false alarms, then finds the most injected faults, then is named first"
+RULE = (
+    "the best has not learned its runs by heart and keeps the rate of false alarms, then finds the most injected "
+    "faults, then is named first"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
     """The figures of one detector. `found`: kind and size of fault, found, of how many; `latency` is the median (s),
-    None if nothing was found; `cost` in us per sample."""
+    None if nothing was found; `cost` in us per sample; `by_heart`: training refuses it, see `memorised`."""
 
     detector: str
     runs: int
@@ -53,6 +57,7 @@ class Compared:
     found: Sequence[tuple[str, str, int, int]]
     latency: float | None
     cost: float
+    by_heart: bool = False
 
     @property
     def kinds(self) -> Mapping[str, int]:
@@ -73,7 +78,7 @@ class Compared:
         from scipy.stats import binom
 
         too_many = binom.sf(self.false_alarms - 1, self.runs, self.asked) < CHANCE
-        return bool(too_many), -sum(self.kinds.values())
+        return self.by_heart, bool(too_many), -sum(self.kinds.values())
 
     def to_plain(self) -> dict[str, Any]:
         """Return all values as plain data."""
@@ -97,9 +102,10 @@ def best(
         return replace(model, conditions={**model.conditions, "chosen": f"the runs are fewer than {FEWEST}"})
     compared = compare(runs, config, detectors or suited(runs), report)
     (item, model), *_ = compared
-    found = (
-        f"it finds {sum(item.kinds.values())} of {item.faults} injected faults, the most of {len(compared)} detectors"
-    )
+    rivals = sum(each.by_heart == item.by_heart for each, _ in compared)
+    found = f"it finds {sum(item.kinds.values())} of {item.faults} injected faults, the most of {rivals} detectors"
+    if rivals < len(compared):
+        found += " that have not learned the runs by heart"
     told = {"chosen": found, "compared": [each.to_plain() for each, _ in compared]}
     return replace(model, conditions={**model.conditions, **told})
 
@@ -142,7 +148,8 @@ def _compared(runs: Sequence[Samples], config: Training) -> tuple[Compared, Trai
     alarms, scored = measured_alarms(model.calibration), model.calibration.runs
     found = tuple((kind, size, count, tried) for kind, size, count, tried in model.conditions["found"])
     asked, latency = model.calibration.asked, model.conditions["latency"]
-    return Compared(config.detector, scored, alarms, asked, found, latency, _cost(model, config)), model
+    by_heart = bool(memorised(model))
+    return Compared(config.detector, scored, alarms, asked, found, latency, _cost(model, config), by_heart), model
 
 
 def _cost(model: TrainedModel, config: Training) -> float:
