@@ -524,11 +524,13 @@ def test_it_is_a_plain_scheduler_before_and_after_its_middleware() -> None:
     scheduler.soon(lambda: seen.append(1))
     scheduler.run(until=scheduler.now)
     middleware = DdsMiddleware(scheduler, domain=DOMAIN)
-    assert scheduler.waiter is not None
+    waiter = scheduler.waiter
+    assert waiter is not None
     scheduler.soon(middleware.close)
     scheduler.soon(lambda: seen.append(2))
     scheduler.run(until=scheduler.now + MILLISECOND)
     assert (scheduler.waiter, seen) == (None, [1, 2])
+    waiter.wake()  # as another thread does that had seen it before
 
 
 # ---- coming and going ------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ class DataWaiter:
         self._waitset.attach(self._guard, 0)
         self._thread: threading.Thread | None = None
         self._stopping = False
+        self._closed, self._waking = False, threading.RLock()  # a signal handler may interrupt its own thread
 
     def start(self) -> None:
         """Wait in a thread, until `close`."""
@@ -50,8 +51,10 @@ class DataWaiter:
                 self._waitset.detach(reader)
 
     def wake(self) -> None:
-        """Wake up the thread that waits, from any thread. Calls while none waits count as one."""
-        self._guard.set(True)
+        """Wake up the thread that waits, from any thread, also after `close`. Calls while none waits count as one."""
+        with self._waking:
+            if not self._closed:  # else the guard has been deleted
+                self._guard.set(True)
 
     def wait(self, timeout: int = dds_infinity) -> None:
         """Wait for data or `wake`, at most `timeout` ns, and call the actions. One thread at a time."""
@@ -64,6 +67,8 @@ class DataWaiter:
         self.wake()
         if self._thread is not None:
             self._thread.join()
+        with self._waking:
+            self._closed = True
         self._waitset.close()
         delete(self._guard)
 

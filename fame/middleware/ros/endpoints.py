@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import cache, partial
 from importlib import import_module
 from itertools import count
@@ -20,6 +21,7 @@ from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.duration import Duration, Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -182,7 +184,8 @@ class SubscriptionWaiter:
                 self._actions[end]()
 
     def wake(self) -> None:
-        self._guard.trigger()
+        with suppress(InvalidHandle):  # closed by another thread
+            self._guard.trigger()
 
     def close(self) -> None:
         self._wait_set = None
