@@ -285,6 +285,20 @@ def test_what_is_thrown_last_is_still_heard_before_a_run_is_over(tmp_path):
     assert (result.status, [robot.completed for robot in result.robots]) == ("completed", [1, 1])
 
 
+def test_messages_that_come_faster_than_a_robot_takes_them_are_counted_at_the_end(tmp_path, capsys):
+    pools = "".join(f'<participant id="P{number}" name="R{number}" processRef="Q{number}"/>' for number in (0, 1))
+    burst = "<script>for _ in range(102):\n    robot.publish('/go', 'std_msgs/msg/Empty')</script>"
+    talks = (
+        f'<process id="Q0"><startEvent id="s0"/><scriptTask id="burst" scriptFormat="python">{burst}</scriptTask>'
+        '<sequenceFlow id="f0" sourceRef="s0" targetRef="burst"/></process>'
+    )
+    hears = '<process id="Q1"><startEvent id="s1"><signalEventDefinition signalRef="S"/></startEvent></process>'
+    path = tmp_path / "burst.bpmn"
+    path.write_text(document(f'<collaboration id="C">{pools}</collaboration>{talks}{hears}<signal id="S" name="go"/>'))
+    assert main(["run", str(path)]) == 0
+    assert "   0.0 s   /go: /R1/fame_engine lost 2 messages" in capsys.readouterr().err
+
+
 def test_a_join_that_waits_in_vain_is_named(tmp_path):
     pairs = ("s g", "g a", "g b", "a j", "b j", "j e")
     flows = "".join(

@@ -359,9 +359,9 @@ def _print_summary(result: Result, *, quiet: bool, reports: bool) -> None:
         for event, count in result.told:
             if not reports and count == 1:
                 continue
-            place = f"{event.robot}: {event.element}" if event.element else event.robot
             times = f" ({count} times)" if count > 1 else ""
-            note(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}{times}")
+            text = ": ".join(filter(None, (event.robot, event.element, event.detail)))
+            note(f"{event.time / 1e9:7.1f} s   {text}{times}")
         print(table(HEADS, [robot.row for robot in result.robots]), end="\n\n")
         ended = f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}"
         print(coloured(ended, sys.stdout), flush=True)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Protocol
 
 from fame.bpmn.pools import pools_of, shared_topics
@@ -290,7 +291,7 @@ class Run:
         for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:
                 self.reports.append(Event(self.scheduler.now, names[end], 0, 0, "", "log", text))
-        for text in self.network.losses() if self.network is not None else ():
+        for text in chain(self.network.losses() if self.network is not None else (), self.middleware.losses()):
             self.reports.append(Event(self.scheduler.now, "", 0, 0, "", "report", text))
         self.stop()
         return Result(
