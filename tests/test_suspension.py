@@ -86,6 +86,22 @@ def test_a_suspended_mission_stands_still_in_the_safe_state_through_its_calls_an
     assert field.said[-1].state == "running"
 
 
+def test_who_suspends_it_again_while_its_scripts_leave_holds_it(field: Durable) -> None:
+    leaving = "try:\n    await sleep(99)\nfinally:\n    await sleep(0.5)"
+    task = f'<startEvent id="s"/><scriptTask id="t"><script>{leaving}</script></scriptTask>'
+    field.deploy(definitions(POOL, process("p", task, ("s", "t"))), id="next")
+    field.pass_time(1)
+    node = field.engine.running
+    node.suspension.suspend("ann")
+    node.suspension.go_on("ann")
+    node.suspension.suspend("bob")
+    assert node.leaving
+    field.pass_time(20)
+    assert (node.suspension.by, node.holds, node.engine.held is None) == ("bob", {"a person"}, False)
+    node.suspension.go_on("bob")
+    assert node.engine.held is None
+
+
 def test_the_status_says_who_suspended_it_and_what_ends_that(field: Durable) -> None:
     ask(field, "suspend")
     field.pass_time(3)

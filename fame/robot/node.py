@@ -194,11 +194,15 @@ class RobotNode:
     def release(self, reason: str = "") -> None:
         """Continue after `hold`, as soon as its scripts have ended, unless there is another reason to hold."""
         self.holds.discard(reason)
-        if self.holds:
+        self._continue_unless_held()
+
+    def _continue_unless_held(self) -> None:
+        """Continue if nothing holds it: also not what began to while it waited for its scripts."""
+        if self.holds or self.engine.held is None:
             return
-        if self.engine.held is not None and self.leaving:
-            self.scheduler.after(_POLL, partial(self.release, reason), Kind.RESUMPTION)
-        elif self.engine.held is not None:
+        if self.leaving:
+            self.scheduler.after(_POLL, self._continue_unless_held, Kind.RESUMPTION)
+        else:
             self.engine.release()
             self.runner.poll()
 
