@@ -96,6 +96,15 @@ def test_topics_that_a_robot_of_the_world_does_not_have_are_told(
     assert [text[: len(each)] for text, each in zip(texts, told, strict=True)] == told
 
 
+@pytest.mark.parametrize("computed", ['robot.publish("ran" + n, "std_msgs/msg/Bool")', 'robot.latest(f"l{n}")'])
+def test_topics_of_the_robot_that_a_script_may_compute_are_not_told(
+    computed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    type = "car" if "latest" in computed else "drone"
+    content = row(TOPICS, script(f"n = 'x'\n{computed}", "u"))
+    assert found(tmp_path, capsys, GOOD.replace("car", type), content) == (0, ["No problems found."])
+
+
 FORM = (
     '<userTask id="ask"><extensionElements><camunda:formData><camunda:formField id="bags" type="long"/>'
     "</camunda:formData></extensionElements></userTask>"

@@ -3,6 +3,9 @@
 import pytest
 from check_drawing import START, alone, catch, choice, ends, event, flow, flows, row, script, team, throw, timer, told
 
+from fame.bpmn import read_text
+from fame.check import check
+
 PAUSE = timer("intermediateCatchEvent", "timeDuration", "PT5S")
 GATE = '<eventBasedGateway id="g"/>'
 
@@ -132,3 +135,41 @@ def test_a_script_that_computes_what_it_throws_may_throw_anything() -> None:
     assert len(texts("'found', {}")) == 2
     for computed in ("x", "'' + x", "'%s' % x", "'do' 'ne'"):
         assert texts(computed) == [], computed
+
+
+COMPUTED = [
+    "n = 'done'; signal(n)",
+    "signal(f'do{1}')",
+    "signal(name='do' + 'ne')",
+    "for n in ('done', 'found'): signal(n)",
+    "robot.publish(f'/do{1}', 'std_msgs/msg/Empty')",
+    "say = signal; say('done')",
+    "robot.random.choice([signal])('done')",
+    "import json; json.dumps(robot)",
+    "getattr(robot, 'publish')('/done', 'std_msgs/msg/Empty')",
+    "eval('signal(1)')",
+]
+
+
+@pytest.mark.parametrize("text", COMPUTED)
+def test_of_a_topic_that_a_script_may_compute_it_is_not_said_that_nothing_throws_it(text: str) -> None:
+    assert told(team(*two([script(text)], [catch("c")]))) == []
+    assert told(team(*two([throw("a"), catch("b")], [script(text, "u")]))) == []
+
+
+@pytest.mark.parametrize("text", ["n = 'done'; m = await receive(n)", "robot.latest(f'/do{1}')"])
+def test_of_a_topic_that_a_script_may_receive_it_is_not_said_that_nothing_catches_it(text: str) -> None:
+    assert told(team(*two([script(text)], [script("await sleep(1)", "u"), throw("c")]))) == []
+    assert told(team(*two([script("await sleep(1)"), script(text, "u")], [throw("c")]))) == []
+
+
+@pytest.mark.parametrize("text", ["signal(f'led_{1}')", "robot.publish(f'do{1}', 'std_msgs/msg/Empty')", "robot.now"])
+def test_what_a_script_computes_is_known_as_far_as_its_beginning(text: str) -> None:
+    assert told(team(*two([script(text)], [catch("c")]))) == ["c: waits for /done, but nothing in bad.bpmn throws it"]
+
+
+@pytest.mark.parametrize("elements", [[throw("a"), catch("b")], [catch("a"), throw("b")]])
+def test_what_a_scenario_publishes_may_come_in_time(elements: list[str]) -> None:
+    model = read_text(team(*two(elements, [script("x = 1")])), file="bad.bpmn")
+    assert check(model)
+    assert check(model, outside={"/done"}) == []

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from bpmn_text import process
+from check_drawing import catch, row, script, team as drawn, throw
 from collaborations import Steps, philosophers, team, text_of
 
 import fame
@@ -625,6 +626,13 @@ def test_a_signal_that_nothing_throws_has_a_named_source() -> None:
     named = text.replace('<signalEventDefinition signalRef="Signal_order"/>', f'{source}<signalEventDefinition signalRef="Signal_order"/>')  # noqa: E501  # fmt: skip
     assert not explore(fame.read(named.encode())).findings
     assert not found({"A": ["catch order"]}).findings
+
+
+@pytest.mark.parametrize("before", ["await sleep(1)", "import json; name = json.loads(name)"])
+def test_what_a_script_computes_may_be_the_signal_that_a_robot_waits_for(before: str) -> None:
+    """It is not executed, and another robot throws the signal by name, later than it could."""
+    text = drawn(row(script(f"name = 'done'; {before}; signal(name)")), row(catch("c"), throw("d"), mark="2"))
+    assert not explore(fame.read(text.encode())).findings
 
 
 def test_a_signal_of_the_scenario_has_a_source(tmp_path: Path) -> None:

@@ -31,6 +31,16 @@ def test_a_topic_is_told_once_and_computed_names_not_at_all() -> None:
     assert effects_of(Expression(text), script=True).topics == (ScriptTopic("a", "subscribe", None, 1),)
 
 
+def test_of_computed_names_it_is_known_how_they_begin() -> None:
+    text = "signal(f'{x}'); signal('goal_' + x); robot.publish(f'led_{x}'); robot.latest(f'/a/b{x}'); receive('%d' % x)"
+    computed = {("publish", ""), ("publish", "/goal_"), ("publish", "~/led_"), ("subscribe", "/a/b"), ("subscribe", "")}
+    assert effects_of(Expression(text), script=True).computed == computed
+    assert effects_of(Expression("signal('a'); robot.now; receive(topic='b')"), script=True).computed == frozenset()
+    javascript = "node.createPublisher('std_msgs/msg/Bool', 'led_' + n); node.createSubscription(T, 'b', f)"
+    effects = effects_of(Expression(javascript, "javascript"), script=True)
+    assert (effects.topics, effects.computed) == ((), {("publish", ""), ("subscribe", "")})
+
+
 def test_other_languages_and_wrong_python_name_none() -> None:
     assert effects_of(Expression("${x}", "juel")).topics == ()
     assert effects_of(Expression("receive = = 1"), script=True).topics == ()

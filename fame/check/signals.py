@@ -1,6 +1,6 @@
 """Checks of signals between processes: robots that wait for each other, signals that get lost.
 
-Nothing is reported where a script computes the name of a topic, since it may throw any signal.
+Nothing is reported of a topic that a script may throw, too, by a name that it computes.
 
 `progress` finds how far tokens can get, given the signals that are thrown: every token takes every path. A catching
 event lets a token past once an element that is reached throws its topic. What is reached throws more, so the walk is
@@ -24,12 +24,8 @@ from fame.errors import MessageError
 from fame.iso8601 import parse_duration
 from fame.middleware.interface import SIGNAL
 from fame.middleware.qos import parse
+from fame.scripting.effects import computed_topics
 
-_SAYS = re.compile(r"\b(?:signal|publish|createPublisher)\b")
-_SAYS_LITERALLY = re.compile(
-    r"""\b(?:signal\s*\(|publish\s*\(|createPublisher\s*\(\s*["'`][\w/]+["'`]\s*,)\s*(["'`])[^"'`\\$]*\1\s*[,)]"""
-)
-"""With a text that is the whole name, not a part of it."""
 _AWAITS = re.compile(
     r"^(?:\w+\s*=\s*)?await\s+(?:receive|robot\.call|robot\.act|sleep\s*\(\s*0*\.?0*[1-9])", re.MULTILINE
 )
@@ -183,18 +179,24 @@ def _inside(process: CheckedProcess, node: FlowNode) -> tuple[CheckedProcess, Bo
 
 def check_signal_order(scope: CheckScope) -> Iterator[Finding]:
     """Find robots that wait for each other and signals that are thrown too early."""
-    processes = [process for one in scope.mission for process in one.processes]
-    if not any(_may_throw_anything(node) for process in processes for node in process.nodes()):
-        roots = [root for one in scope.mission for root in one.roots]
-        public, level = public_topics(scope.mission), level_of(scope.mission)
-        thrown = {name: ends for name, ends in public.items() if any(end.throws for end in ends)}
-        findings = (*_deadlocks(roots, thrown, level), *_too_early(roots, public, thrown, level))
-        yield from (one for one in findings if one.file in scope.files)
+    roots = [root for one in scope.mission for root in one.roots]
+    public, level = _known(scope), level_of(scope.mission)
+    thrown = {name: ends for name, ends in public.items() if any(end.throws for end in ends)}
+    taken = computed_topics(_nodes(scope), "subscribe")
+    awaited = {name: ends for name, ends in thrown.items() if not name.startswith(taken)}
+    findings = (*_deadlocks(roots, thrown, level), *_too_early(roots, public, awaited, level))
+    yield from (one for one in findings if one.file in scope.files)
 
 
-def _may_throw_anything(node: FlowNode) -> bool:
-    text = node.script.text if node.script is not None else ""
-    return len(_SAYS.findall(text)) > len(_SAYS_LITERALLY.findall(text))
+def _known(scope: CheckScope) -> Topics:
+    """The topics on which nothing throws but what is known: no script that computes their names, no scenario."""
+    computed = computed_topics(_nodes(scope), "publish")
+    topics = public_topics(scope.mission).items()
+    return {name: ends for name, ends in topics if name not in scope.outside and not name.startswith(computed)}
+
+
+def _nodes(scope: CheckScope) -> Iterator[FlowNode]:
+    return (node for one in scope.mission for process in one.processes for node in process.nodes())
 
 
 def _deadlocks(roots: Sequence[CheckedProcess], thrown: Topics, level: Level) -> Iterator[Finding]:
@@ -292,7 +294,7 @@ def _lasts(timer: TimerDefinition) -> bool:
 def check_signal_delivery(scope: CheckScope) -> Iterator[Finding]:
     """Find signals that are lost although an element catches them."""
     level = level_of(scope.mission)
-    for name, ends in public_topics(scope.mission).items():
+    for name, ends in _known(scope).items():
         yield from _throw_before_catch(scope, name, ends, level)
     for name, ends in by_topic(process for one in scope.mission for process in one.processes).items():
         yield from (one for one in _queues(name, ends) if one.file in scope.files)

@@ -31,6 +31,7 @@ from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.data import ExpressionError
+from fame.scripting.effects import computed_topics
 from fame.scripting.python import called_name
 from fame.scripting.python_effects import syntax_tree
 from fame.text import ros_name, wrong_topic
@@ -174,11 +175,14 @@ def _services(process: CheckedProcess, remote: bool) -> Iterator[Finding]:
 def check_topic_partners(scope: CheckScope) -> Iterator[Finding]:
     """Find public topics that are only published or only subscribed to."""
     public, level, files = public_topics(scope.mission), level_of(scope.mission), len(scope.mission)
+    nodes = [node for one in scope.mission for process in one.processes for node in process.nodes()]
+    thrown, taken = computed_topics(nodes, "publish"), computed_topics(nodes, "subscribe")
     where = (scope.definitions.file or "the file") if files == 1 else f"the {files} files of the mission"
     for name, ends in public.items():
         throws, catches = [end for end in ends if end.throws], [end for end in ends if not end.throws]
         drawn = next((end for end in ends if end.topic is not None and end.process in scope.processes), None)
-        if drawn is None or (catches and (throws or name in scope.outside)):
+        computed = taken if throws else thrown  # the other end may be there
+        if drawn is None or (catches and (throws or name in scope.outside)) or name.startswith(computed):
             continue
         does, other = ("throws", "catches") if throws else ("waits for", "throws")
         similar = _similar(name, ends, public)

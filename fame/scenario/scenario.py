@@ -30,6 +30,7 @@ from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioF
 from fame.scenario.result import Progress, Result, mistyped_topics
 from fame.scenario.run import Pace, Run
 from fame.scenario.settings import check_network, with_parameters
+from fame.scripting.effects import Direction, computed_topics
 from fame.text import suggestion
 
 if TYPE_CHECKING:
@@ -411,23 +412,33 @@ def _unmatched_topics(run: Run) -> Iterator[str]:
     graph = [info for info in run.middleware.graph() if "/bpmn_" not in info.name and info.name not in outside]
     bodies: Collection[str] = run.world.robots if run.world is not None else ()
     scope = find_scope(run.scenario.definitions, run.scenario.library)
-    for node in (one for one in run.nodes if one.name in bodies):
-        root = next(one for one in scope.processes if one.bpmn.id == node.mission.process.id)
-        served = served_topics(root)
-        if served is None:
-            continue  # what a pipeline publishes is not known here
+    roots = [next(one for one in scope.processes if one.bpmn.id == node.mission.process.id) for node in run.nodes]
+    services = [served_topics(root) for root in roots]
+    if None in services:
+        return  # what a pipeline publishes is not known here, nor in whose namespace
+    served = [[(resolve(name, node.namespace), throws) for name, _, throws in its or ()]
+              for node, its in zip(run.nodes, services, strict=True)]  # fmt: skip
+    published = {name for its in served for name, throws in its if throws}
+    here = {info.name for info in run.middleware.graph() if info.publishers} | published | outside
+    scripts = [(node.namespace, [one for _, one in node.mission.flow_nodes()]) for node in run.nodes]
+    directions: tuple[Direction, Direction] = ("publish", "subscribe")
+    thrown, taken = (
+        tuple(begins and resolve(begins, space) for space, nodes in scripts for begins in computed_topics(nodes, way))
+        for way in directions
+    )
+    for node, its in zip(run.nodes, served, strict=True):
+        if node.name not in bodies:
+            continue
         engine, prefix = node.node.full_name, f"/{node.namespace}/"
-        published = {resolve(name, node.namespace) for name, _, throws in served if throws}
-        here = {info.name for info in run.middleware.graph() if info.publishers} | published | outside
-        read = {resolve(name, node.namespace): None for name, _, throws in served if not throws}
-        missing = [name for name in read if name.startswith(prefix) and name not in here]
+        missing = [name for name, throws in its if not throws and name.startswith(prefix) and name not in here]
         own = {info.name.removeprefix(prefix): info for info in graph
                if info.name.startswith(prefix) and info.name not in published}  # fmt: skip
         there = ", ".join(name for name, info in own.items() if info.publishers)
         waits = [info.name for info in own.values() if not info.publishers and engine in info.subscribers]
-        for name in dict.fromkeys((*waits, *missing)):
+        for name in dict.fromkeys(name for name in (*waits, *missing) if not name.startswith(thrown)):
             yield f"{node.name} waits for {name}, which nothing here publishes; there are: {there}"
-        yield from (f"{node.name} {text}" for end, text in mistyped_topics(own.values(), 0.6) if end == engine)
+        unsure = [info for info in own.values() if info.subscribers or not info.name.startswith(taken)]
+        yield from (f"{node.name} {text}" for end, text in mistyped_topics(unsure, 0.6) if end == engine)
 
 
 def _without_effect(run: Run, file: str) -> Iterator[Finding]:

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from fame.bpmn.model import Expression, FlowNode
 from fame.dataclasses import dataclass, field
@@ -23,7 +23,7 @@ from fame.errors import ModelError
 from fame.rooms import EFFECTS, load
 from fame.scripting.languages import parse_expression
 
-NONE: frozenset[str] = frozenset()
+NONE: frozenset[Any] = frozenset()
 Direction = Literal["publish", "subscribe", "call", "act"]
 
 
@@ -142,6 +142,12 @@ class Effects:
         return ()
 
     @property
+    def computed(self) -> frozenset[tuple[Direction, str]]:
+        """The topics (and services, actions) of which it computes the name: how each qualified name begins, as far as
+        that is known."""
+        return NONE
+
+    @property
     def publishes(self) -> tuple[str, ...]:
         """The topics that it publishes on (qualified names)."""
         return tuple(one.qualified for one in self.topics if one.direction == "publish")
@@ -257,6 +263,11 @@ def effects_of(expression: Expression, *, script: bool = False) -> Effects:
 def script_effects(node: FlowNode) -> Effects:
     """Return the effects of the script of an element; none of an element without one."""
     return effects_of(node.script, script=True) if node.script is not None else _NO_EFFECTS
+
+
+def computed_topics(nodes: Iterable[FlowNode], direction: Direction) -> tuple[str, ...]:
+    """Return how the topics of a direction begin of which scripts compute the names; empty: it may be any."""
+    return tuple({begins for node in nodes for way, begins in script_effects(node).computed if way == direction})
 
 
 _NO_EFFECTS = Effects(Expression(""), script=True)

@@ -195,10 +195,14 @@ def _hint(text: str, line: str, condition: bool) -> str:
 
 def called_name(call: ast.Call) -> str:
     """Return the name of the called function or method: ``receive``, ``robot.call``; else empty."""
-    function = call.func
-    if isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
-        return f"{function.value.id}.{function.attr}"
-    return function.id if isinstance(function, ast.Name) else ""
+    return name_of(call.func)
+
+
+def name_of(node: ast.AST) -> str:
+    """Return a name, or one with an attribute, as it is written; of any other node an empty text."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return f"{node.value.id}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def bound_names(tree: ast.AST) -> set[str]:

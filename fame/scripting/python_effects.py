@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ast
+import re
 import symtable
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from functools import cached_property, lru_cache
 from typing import Any, Literal, cast
 
@@ -12,7 +13,7 @@ from fame.bpmn.model import Expression
 from fame.errors import ModelError
 from fame.scripting.effects import NONE, Direction, Effects, ScriptTopic
 from fame.scripting.interface import NAMES, interface
-from fame.scripting.python import called_name, parse_python
+from fame.scripting.python import called_name, name_of, parse_python
 from fame.scripting.requests import STILL_RUNNING
 from fame.scripting.transforms import TF, TOPICS
 from fame.text import label_of, topic_of
@@ -34,6 +35,8 @@ syntax_tree: Callable[..., ast.AST | None] = lru_cache(maxsize=1024)(own_syntax_
 _TOPIC_WORDS = ("receive", "robot", "signal")
 """Every text that names a topic contains one of these."""
 _IMPORTERS = ("__import__", "eval", "exec")
+_ANY_NAME = ("eval", "exec", "__builtins__")
+"""What may get at every name of the script interface."""
 
 
 class PythonEffects(Effects):
@@ -124,6 +127,12 @@ class PythonEffects(Effects):
         if not any(word in self.expression.text for word in _TOPIC_WORDS):
             return ()
         return tuple(_topics_in(own_syntax_tree(self.expression, script=self.script)))
+
+    @cached_property
+    def computed(self) -> frozenset[tuple[Direction, str]]:
+        if not any(word in self.expression.text for word in (*_TOPIC_WORDS, *_ANY_NAME)):
+            return NONE
+        return frozenset(_computed_in(list(self.nodes())))
 
     @cached_property
     def certain(self) -> frozenset[str]:
@@ -398,13 +407,41 @@ def _topics(call: ast.Call) -> Iterator[ScriptTopic]:
         yield ScriptTopic(name, direction, _argument(call, 1, "type"), call.lineno)
 
 
+def _computed_in(nodes: Sequence[ast.AST]) -> Iterator[tuple[Direction, str]]:
+    """The topics of which the name is computed, and those of functions that are given away: these may be any."""
+    calls = [node for node in nodes if isinstance(node, ast.Call)]
+    known = {id(call.func) for call in calls if called_name(call) in _CALLS}
+    known |= {id(node.value) for node in nodes if isinstance(node, ast.Attribute)}
+    for call in calls:
+        called = called_name(call)
+        if called in _CALLS and _argument(call, 0, argument := "name" if called == "signal" else "topic") is None:
+            begins = _beginning(_given(call, 0, argument))
+            topic = ScriptTopic(topic_of(begins) if called == "signal" else begins, _CALLS[called])
+            yield topic.direction, topic.qualified if re.fullmatch(r"(~?/)?[A-Za-z][\w/]*", begins) else ""
+    for node in nodes:
+        name = name_of(node) if id(node) not in known else ""
+        if name == "robot" or name in _ANY_NAME:
+            yield from (("publish", ""), ("subscribe", ""))
+        elif name in _CALLS:
+            yield _CALLS[name], ""
+
+
+def _beginning(name: ast.expr | None) -> str:
+    """The text that the value of an expression begins with, as far as that is known."""
+    while isinstance(name, ast.JoinedStr) or (isinstance(name, ast.BinOp) and isinstance(name.op, ast.Add)):
+        name = name.left if isinstance(name, ast.BinOp) else next(iter(name.values), None)
+    return name.value if isinstance(name, ast.Constant) and isinstance(name.value, str) else ""
+
+
 def _argument(call: ast.Call, place: int, name: str) -> str | None:
     """The value of a literal text argument, else None."""
-    given = call.args[place] if place < len(call.args) else None
-    for keyword in call.keywords:
-        if keyword.arg == name:
-            given = keyword.value
+    given = _given(call, place, name)
     return given.value if isinstance(given, ast.Constant) and isinstance(given.value, str) else None
+
+
+def _given(call: ast.Call, place: int, name: str) -> ast.expr | None:
+    given = call.args[place] if place < len(call.args) else None
+    return next((keyword.value for keyword in call.keywords if keyword.arg == name), given)
 
 
 class _AlwaysEvaluated(ast.NodeTransformer):

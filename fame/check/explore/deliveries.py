@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
+from fame.bpmn.model import FlowNode
 from fame.check.explore.faults import Faults
 from fame.check.explore.findings import ExplorationReport, Finding
 from fame.check.explore.graph import Explored
@@ -26,6 +27,7 @@ from fame.check.explore.trace import Runs
 from fame.check.explore.transitions import FAULTS, MASK
 from fame.dataclasses import dataclass, replace
 from fame.engine.program import Node
+from fame.scripting.effects import computed_topics
 
 _HOLDING = ("proved", "not triggered")
 
@@ -183,8 +185,9 @@ def _sourceless(team: Team) -> tuple[tuple[int, str], ...]:
     """
     if len(team.pools) < 2:
         return ()
-    elements = elements_of(team.definitions, team.pools, team.library)
-    outside = {element.id for _, element in elements if element.properties.get("outside")}
+    elements = [element for _, element in elements_of(team.definitions, team.pools, team.library)]
+    outside = {element.id for element in elements if element.properties.get("outside")}
+    computed = computed_topics((element for element in elements if isinstance(element, FlowNode)), "publish")
     catches = [(place, node.id, node.catch.topic) for place, local in enumerate(team.locals)
                for node in local.program.nodes if node.catch is not None]  # fmt: skip
     known = team.request.sources | team.watched | {topic for _, element, topic in catches if element in outside}
@@ -192,7 +195,7 @@ def _sourceless(team: Team) -> tuple[tuple[int, str], ...]:
         (team.cast[team.robots[place]].name, topic): place
         for place, _, topic in reversed(catches)
         if topic[:1] == "/" and topic in team.locals[place].outside
-        and topic not in known | team.locals[place].program.messages
+        and topic not in known | team.locals[place].program.messages and not topic.startswith(computed)
     }  # fmt: skip
     return tuple((place, topic) for (_, topic), place in first.items())
 

@@ -11,7 +11,7 @@ from fame.check.explore.counting import counted_lists
 from fame.check.explore.error_codes import caught_codes
 from fame.check.explore.slicing import unknown_variables
 from fame.dataclasses import dataclass
-from fame.scripting.effects import script_effects
+from fame.scripting.effects import computed_topics, script_effects
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class TeamFacts:
 
     types    the topics of the team
     shared   those that one robot may send and another, or itself, may take
-    outside  those that only something outside of the team can send
+    outside  those that may come at any time
     called   processes that calls lead to
     counted  variables with lists of which only the length is read
     unknown  variables whose values are certainly unknown
@@ -64,11 +64,13 @@ def facts_of(
     for topic, throws in (end for process in processes for end in ends_of(process)):
         (thrown if throws else caught).add(topic)
     from_outside = caught - thrown
+    computed = computed_topics((node for process in processes for node in process.body.walk()), "publish")
     return TeamFacts(
         types=types,
         shared=frozenset(topic for topic in thrown & caught if topic[0] == "/"),
         # A robot's own topics ("~") are its sensors', whatever it sends on them itself.
-        outside=frozenset(from_outside | {topic for topic in caught if topic[0] == "~"}),
+        # A script may be left out that computes the names of those that it throws.
+        outside=frozenset(from_outside | {topic for topic in caught if topic[0] == "~" or topic.startswith(computed)}),
         called=frozenset(call.called for process in processes for call in process.body.calls()),
         counted=counted_lists(processes) - read,
         # A state that is given may hold a value that nothing in the model explains.

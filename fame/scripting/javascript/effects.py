@@ -17,9 +17,10 @@ from fame.scripting.effects import NONE, Direction, Effects, JavaScriptCalls, Sc
 _MAKES: dict[str, Direction] = {"Publisher": "publish", "Subscription": "subscribe", "Client": "call"}
 _MADE = re.compile(
     r"""\bcreate(?P<kind>Publisher|Subscription|Client)\s*\(
-    \s*(?P<q>["'`])(?P<type>[\w/]+)(?P=q)\s*,\s*(?P<r>["'`])(?P<name>[\w/~]+)(?P=r)""",
+    \s*(?P<q>["'`])(?P<type>[\w/]+)(?P=q)\s*,\s*(?P<r>["'`])(?P<name>[\w/~]+)(?P=r)\s*[,)]""",
     re.VERBOSE,
 )
+_MAKER = re.compile(r"\bcreate(Publisher|Subscription|Client)\b")
 _LITERAL = re.compile(
     r"""(?P<comment>//[^\n]* | /\*.*?\*/) | '(?:\\.|[^'\\\n])*' | "(?:\\.|[^"\\\n])*" | `(?:\\.|[^`\\])*`
     | (?P<before>(?:^|[(,=:\[!&|?{};~^%*<>]|(?<!\+)\+|(?<!-)-|\b(?:return|typeof|case|in|of|do|else|void|throw))\s*)
@@ -136,11 +137,19 @@ class JavaScriptEffects(Effects):
 
     def _endpoints(self) -> Iterator[ScriptTopic]:
         """The endpoints that it creates with literal type and topic."""
-        code = self.expression.text
-        text = _LITERAL.sub(lambda found: "\n" * found[0].count("\n") if found["comment"] else found[0], code)
+        text = self._uncommented
         for made in _MADE.finditer(text):
             line = self.expression.line + text.count("\n", 0, made.start())
             yield ScriptTopic(made["name"], _MAKES[made["kind"]], made["type"], line)
+
+    @property
+    def _uncommented(self) -> str:
+        code = self.expression.text
+        return _LITERAL.sub(lambda found: "\n" * found[0].count("\n") if found["comment"] else found[0], code)
+
+    @cached_property
+    def computed(self) -> frozenset[tuple[Direction, str]]:
+        return frozenset((_MAKES[kind], "") for kind in _MAKER.findall(_MADE.sub("", self._uncommented)))
 
     @property
     def codes(self) -> None:
