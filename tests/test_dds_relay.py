@@ -5,7 +5,6 @@ What each of them can do is in the contract of the middleware (``dds relay``).
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,7 +16,7 @@ from typing import Any
 
 import pytest
 from bpmn_text import document
-from middleware_contract import DOMAIN, RelayWorld, needs
+from middleware_contract import DOMAIN, TIMEOUT, RelayWorld, needs
 
 from fame.clock import SECOND
 from fame.errors import ConfigError, FameError
@@ -138,8 +137,11 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def cut(world: RelayWorld, number: int) -> None:
-    """End the link of an engine, as that process does when it is killed."""
-    world.relay.engines[number].link._end.shutdown(socket.SHUT_RDWR)
+    """End the link of an engine, as when that process is killed: what it had for the engine is gone before."""
+    gone = threading.Event()
+    world._there.soon(world.relay.engines[number].close)
+    world._there.soon(gone.set)
+    assert gone.wait(TIMEOUT)
 
 
 @pytest.mark.usefixtures("quick")
