@@ -8,11 +8,12 @@ import math
 import os
 import re
 import subprocess
-from collections import ChainMap, defaultdict, deque, namedtuple
+from collections import ChainMap, Counter, OrderedDict, defaultdict, deque, namedtuple
 from datetime import UTC, date, datetime, timedelta
 from decimal import Decimal
 from fractions import Fraction
 from functools import reduce
+from http import HTTPStatus
 from pathlib import Path
 from random import uniform
 from typing import Any
@@ -22,6 +23,7 @@ from bpmn_text import process
 
 import fame
 from fame.bpmn.reader import read_text
+from fame.engine.data import Temporal
 from fame.engine.encoding import decode, encode
 from fame.engine.host import BpmnError
 from fame.errors import MissionError, ModelError
@@ -31,7 +33,7 @@ from fame.scripting.requests import Sleep
 
 MODEL = read_text(
     process(
-        '<startEvent id="s"/><scriptTask id="a"><script>import os, heapq\nfrom os.path import join\n'
+        '<startEvent id="s"/><scriptTask id="a"><script>import os, heapq, http\nfrom os.path import join\n'
         "from functools import reduce\nfrom random import uniform</script></scriptTask>"
     ),
     file="m.bpmn",
@@ -52,6 +54,8 @@ def again(value: Any) -> Any:
         Fraction(1, 3), range(1, 9, 2), deque([1, (2,)], 5), Path("a/b"), [math, math.hypot],
         [10**5000], [1, -(10**5000)], {10**5000: 1}, [None, "a", 10**5000], Fraction(10**5000, 3), range(10**5000),
         int, len, ValueError, os.path, os.path.join, os.getcwd, heapq.heappush, reduce, uniform, BpmnError, Sleep,
+        Counter("abba"), OrderedDict(b=1, a=[2]), defaultdict(list, {"a": [(1,)]}), HTTPStatus.OK, [HTTPStatus.OK],
+        Temporal("2026-01-02"), {"due": Temporal("P1D")},
         {"path": Path("x"), "z": [1j]}, messages.create("geometry_msgs/msg/Point", {"x": 1.5}),
     ],
 )  # fmt: skip
@@ -65,8 +69,19 @@ def test_a_mapping_that_is_no_dict_becomes_one() -> None:
     assert again(ChainMap({"message": 1}, {"a": 2})) == {"message": 1, "a": 2}
 
 
-def test_a_dict_with_defaults_loses_only_these() -> None:
-    assert again(defaultdict(list, {"a": [1]})) == {"a": [1]}
+class Level(int):
+    """A class of the mission's own."""
+
+
+class Names(set[str]):
+    pass
+
+
+def test_a_value_of_an_own_class_becomes_a_plain_one() -> None:
+    for value, plain in ((Level(3), 3), ([Level(3)], [3]), (Names({"a"}), {"a"})):
+        found = again(value)
+        assert found == plain
+        assert type(found) is type(plain)
 
 
 def test_an_array_is_one_again() -> None:
@@ -79,7 +94,8 @@ def test_an_array_is_one_again() -> None:
 
 def test_a_number_of_numpy_is_one_again() -> None:
     numpy = pytest.importorskip("numpy")
-    assert type(again(numpy.int32(3))) is numpy.int32
+    for kind in (numpy.int32, numpy.float64, numpy.str_):  # some are of classes that are derived of plain ones
+        assert type(again([kind(3)])[0]) is kind
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,12 @@ UNDEFINED = UndefinedType.UNDEFINED
 """The value of a property or payload if a name in it is not set: nothing is assigned, the field is left out."""
 
 
+class Temporal(str):
+    """A date, a time, both, or a duration of FEEL."""
+
+    __slots__ = ()
+
+
 class Variables(dict[str, Any]):
     """Variables of a scope with variables of its own (a multi-instance activity, a mapping).
 

@@ -28,9 +28,19 @@ _GREATEST = 2**2048
 _KNOWN = frozenset({bool, int, str, type(None)})
 
 
-def encode(value: Any, dump: Convert = no_data) -> Any:
+_PLAIN: tuple[type, ...] = (bool, int, str, float, bytes, list, dict, set, frozenset)
+_EXACT = frozenset({*_PLAIN, tuple, type(None)})
+
+
+def only_plain(value: Any) -> Any:
+    """Return a value of a class that is derived of a plain one. Raises MissionError for others."""
+    return value if isinstance(value, _PLAIN) else no_data(value)
+
+
+def encode(value: Any, dump: Convert = only_plain) -> Any:
     """Return a value as data for JSON. `dump` makes data of values of other types, and may raise MissionError, as this
-    does for a value that is nested too deep, or whose own code fails."""
+    does for a value that is nested too deep, or whose own code fails. A value of a derived class, as of `int`, that it
+    returns as it is becomes one of the plain class."""
     try:
         return _encode(value, dump)
     except RecursionError:
@@ -42,6 +52,8 @@ def encode(value: Any, dump: Convert = no_data) -> Any:
 
 
 def _encode(value: Any, dump: Convert) -> Any:
+    if type(value) not in _EXACT and (data := dump(value)) is not value:
+        return {"$object": _encode(data, dump)}
     if isinstance(value, int) and not -_GREATEST <= value <= _GREATEST:
         return {"$int": f"{value:x}"}
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
@@ -53,13 +65,14 @@ def _encode(value: Any, dump: Convert) -> Any:
     if isinstance(value, list):
         return list(value) if _is_plain(value) else [_encode(item, dump) for item in value]
     if isinstance(value, set | frozenset) or type(value) is tuple:
-        items = value if isinstance(value, tuple) else sorted_set(value)
-        return {f"${type(value).__name__}": [_encode(item, dump) for item in items]}
+        kind = "tuple" if isinstance(value, tuple) else "set" if isinstance(value, set) else "frozenset"
+        items = value if kind == "tuple" else sorted_set(value)
+        return {f"${kind}": [_encode(item, dump) for item in items]}
     if isinstance(value, dict):
         if all(isinstance(key, str) and not key.startswith("$") for key in value):
             return {key: _encode(item, dump) for key, item in value.items()}
         return {"$dict": [[_encode(key, dump), _encode(item, dump)] for key, item in value.items()]}
-    return {"$object": _encode(dump(value), dump)}
+    return no_data(value)
 
 
 def _is_plain(items: list[Any]) -> bool:

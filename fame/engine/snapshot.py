@@ -19,7 +19,7 @@ from typing import Any
 from fame.engine.adhoc import NEXT, SWEEP
 from fame.engine.compensation import CANCELLED, ROLL_BACK, UNDO
 from fame.engine.data import Variables, is_data
-from fame.engine.encoding import Convert, Data, decode, encode, no_data
+from fame.engine.encoding import Convert, Data, decode, encode, no_data, only_plain
 from fame.engine.faults import FAILED
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
@@ -57,7 +57,7 @@ _write_engine, _read_engine = writing(ENGINE), reading(ENGINE)
 def snapshot(
     engine: Engine,
     *,
-    dump: Convert = no_data,
+    dump: Convert = only_plain,
     dicts: VariableTable | None = None,
     lost: Callable[[MissionError], Data] | None = None,
 ) -> Data:
@@ -81,7 +81,7 @@ def snapshot(
 
 
 def without_instances(
-    engine: Engine, dump: Convert = no_data, lost: Callable[[MissionError], Data] | None = None
+    engine: Engine, dump: Convert = only_plain, lost: Callable[[MissionError], Data] | None = None
 ) -> Data:
     """Return the part of a snapshot that is there without running instances too."""
     return _once(engine, StateWriter(_Dicts(), {}, dump, lost))

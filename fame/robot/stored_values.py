@@ -1,8 +1,9 @@
 """Values of variables as plain data, for a journal: messages, arrays, modules, and what modules offer.
 
-A module, or a function or class that a module offers, is stored as its name, and imported again: what FAME gives to
-scripts, and what modules offer that scripts of the mission import. What a script has defined itself cannot be stored:
-`refuse_unstorable` names it when a model is loaded.
+A module, or a function, class or member of an enumeration that a module offers, is stored as its name, and imported
+again: what FAME gives to scripts, and what modules offer that scripts of the mission import. What a script has defined
+itself cannot be stored: `refuse_unstorable` names it when a model is loaded. A value of another class that is derived
+of a plain one, such as a subclass of `int`, becomes one of that.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ import math
 import re
 import sys
 from base64 import b64decode, b64encode
-from collections import deque
+from collections import Counter, OrderedDict, defaultdict, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import date, datetime, timedelta
 from decimal import Decimal
+from enum import Enum
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
@@ -26,7 +28,8 @@ from typing import Any
 import orjson
 
 from fame.bpmn.model import Expression
-from fame.engine.encoding import no_data, unstorable
+from fame.engine.data import Temporal
+from fame.engine.encoding import only_plain, unstorable
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages, typesystem
 from fame.robot.mission import Mission, expressions_of
@@ -47,9 +50,13 @@ _SIMPLE: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     ),
     range: (lambda value: [value.start, value.stop, value.step], lambda data: range(*data)),
     deque: (lambda value: [value.maxlen, list(value)], lambda data: deque(data[1], data[0])),
+    Counter: (dict, Counter),
+    OrderedDict: (lambda value: list(value.items()), OrderedDict),
+    defaultdict: (lambda value: [value.default_factory, dict(value)], lambda data: defaultdict(*data)),
     PosixPath: (str, Path),
+    Temporal: (str, Temporal),
 }
-"""Types of the standard library: to plain data, which may hold further values, and back."""
+"""Types of the standard library, and of FEEL: to plain data, which may hold further values, and back."""
 _BY_NAME = {kind.__name__: back for kind, (_, back) in _SIMPLE.items()}
 
 
@@ -104,13 +111,13 @@ def _dump(value: Any, name_of: Callable[[Any], tuple[str, str] | None]) -> Any:
     simple = _SIMPLE.get(type(value))
     if simple is not None:
         return {"type": type(value).__name__, "value": simple[0](value)}
-    if (isinstance(value, ModuleType) or callable(value)) and (name := name_of(value)) is not None:
+    if (isinstance(value, ModuleType | Enum) or callable(value)) and (name := name_of(value)) is not None:
         return {"module": name[0], "name": name[1]}
     if type(value).__module__ == "numpy" and (array := _array(value)):
         return array
     if isinstance(value, Mapping) and not isinstance(value, dict):
         return {"mapping": dict(value)}
-    return no_data(value)
+    return only_plain(value)
 
 
 def _array(value: Any) -> dict[str, Any] | None:
@@ -121,7 +128,7 @@ def _array(value: Any) -> dict[str, Any] | None:
     if not (single or type(value) is numpy.ndarray) or value.dtype.kind == "V":
         return None
     plain = value.dtype.kind in "biufc"  # numbers: their bytes
-    data = b64encode(value.tobytes()).decode() if plain else value.tolist()
+    data = b64encode(value.tobytes()).decode() if plain else [value.tolist()] if single else value.tolist()
     if value.dtype.kind == "O" and numpy.array(data, dtype=object).shape != value.shape:
         return None  # lists in it would become dimensions
     shape = None if single else list(value.shape)
@@ -129,9 +136,12 @@ def _array(value: Any) -> dict[str, Any] | None:
 
 
 def _own_name(value: Any) -> tuple[str, str]:
-    """The module of a function or class, and its name there, as it says itself; of a module no name."""
+    """The module of a function, class or member of an enumeration, and its name there, as it says itself; of a module
+    no name."""
     if isinstance(value, ModuleType):
         return value.__name__, ""
+    if isinstance(value, Enum):
+        return type(value).__module__, f"{type(value).__qualname__}.{value.name}"
     return getattr(value, "__module__", None) or "", getattr(value, "__qualname__", None) or "<>"
 
 

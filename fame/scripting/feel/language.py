@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+from fame.engine.data import Temporal
 from fame.scripting.budget import spend, weight
 from fame.scripting.data import Evaluate, Parsed, constant, fields_of, is_list, is_number, power, product, quotient
 from fame.scripting.feel.functions import FUNCTIONS
@@ -33,7 +34,6 @@ from fame.scripting.feel.syntax import (
 from fame.scripting.feel.values import (
     Bound,
     Range,
-    Temporal,
     are_times,
     computed,
     equal,

@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import Any
 
 from fame.dataclasses import dataclass
+from fame.engine.data import Temporal
 from fame.iso8601 import Duration, add, nanoseconds_between, parse_duration, zone_named
 from fame.scripting.budget import PASS, spend
 from fame.scripting.data import Undefined, field, fields_of, is_list, is_number, plain, product, quotient
@@ -33,12 +34,6 @@ _LONGEST = 10**15
 
 _SUMS = (operator.add, operator.sub)
 _ONLY_MONTHS = re.compile(r"P[0-9YM]+")
-
-
-class Temporal(str):
-    """A date, a time, both, or a duration."""
-
-    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)

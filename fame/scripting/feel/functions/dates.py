@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from datetime import UTC
 from typing import Any
 
+from fame.engine.data import Temporal
 from fame.iso8601 import Duration
 from fame.scripting.data import to_text
-from fame.scripting.feel.values import HOUR, MINUTE, Moment, Temporal, moment, parsed, temporal, zone_of
+from fame.scripting.feel.values import HOUR, MINUTE, Moment, moment, parsed, temporal, zone_of
 from fame.scripting.interface import mission_date
 from fame.scripting.signatures import functions
 
