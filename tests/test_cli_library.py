@@ -67,6 +67,15 @@ def test_a_variable_is_needed_only_if_it_is_read_before_it_is_set(tmp_path: Path
     assert behaviour(tmp_path, objects + nodes + flows("s", "a", "b", "e")).inputs == ("width",)
 
 
+@pytest.mark.parametrize(
+    ("language", "text"),
+    [("python", "if True:\n    depth += 1"), ("javascript", "this.environment.variables.depth.push(1); next()")],
+)
+def test_a_variable_that_a_script_changes_is_needed(language: str, text: str, tmp_path: Path) -> None:
+    nodes = f'<startEvent id="s"/>{task("a", text)}'.replace("<scriptTask", f'<scriptTask scriptFormat="{language}"')
+    assert behaviour(tmp_path, data("Hole", depth="") + nodes + flows("s", "a")).inputs == ("depth",)
+
+
 def test_a_variable_that_only_one_way_sets_is_needed(tmp_path: Path) -> None:
     nodes = '<startEvent id="s"/><exclusiveGateway id="g"/>' + task("a", "depth = 1") + task("b", "rest = depth")
     drawn = data("Hole", depth="") + nodes + flows("s", "g", "a", "b") + flows("g", "b")

@@ -147,3 +147,14 @@ def test_what_fails_where_an_error_event_catches_it_is_kept(failing: str, guard:
     robots |= {"B": ["catch gave"], "C": [("race", ["catch passed"], ["catch gave"])]}
     found = explore(fame.read(text_of(robots, calls=("P",)).encode()), delivery="run", samples=False)
     assert [str(one) for one in found.findings if one.level == "error"] == []
+
+
+@pytest.mark.parametrize("failing", ["x[0] = 1", "x.pop()", "x.remove(3)", "if True: x += 1"])
+def test_what_only_changes_a_value_may_fail(failing: str) -> None:
+    """Nothing else reads the value, or not before it is set again."""
+    robots = {"A": ["run x = []", "work", ("guard", [f"run {failing}"], "error", ["throw gave"])], "B": ["catch gave"]}
+    found = explore(fame.read(text_of(robots).encode()), delivery="run", samples=False)
+    assert [str(one) for one in found.findings if one.level == "error"] == []
+    alone = {"A": ["run x = []", "work", f"run {failing}", "work", "run x = [1]", ("if", "len(x) > 3", ["work"], [])]}
+    found = explore(fame.read(text_of(alone).encode()), delivery="run", samples=False)
+    assert [one.kind for one in found.findings if one.level == "error"] == ["error"]

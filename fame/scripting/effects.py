@@ -114,7 +114,7 @@ class Effects:
     @property
     def read_first(self) -> frozenset[str]:
         """What it may read before it has certainly set it."""
-        return NONE
+        return self.reads
 
     @property
     def later(self) -> frozenset[str]:

@@ -81,11 +81,10 @@ class PythonEffects(Effects):
     def read_first(self) -> frozenset[str]:
         found, done = set[str](), set[str]()
         for statement in self._statements:
-            found |= {
-                node.id for node in ast.walk(statement)
-                if isinstance(node, ast.Name) and node.id not in done
-                and (isinstance(node.ctx, ast.Load) or isinstance(statement, ast.AugAssign))
-            }  # fmt: skip
+            nodes = list(ast.walk(statement))
+            changed = [node.target for node in nodes if isinstance(node, ast.AugAssign)]
+            names = (node for node in nodes if isinstance(node, ast.Name))
+            found |= {one.id for one in names if not isinstance(one.ctx, ast.Store) or one in changed} - done
             done |= {*_set_by(statement)}
         return frozenset(found)
 

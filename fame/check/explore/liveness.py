@@ -1,18 +1,15 @@
 """Variables that nothing reads any more: their values are forgotten, so that states differ only in what counts.
 
 From an element at which a token waits a variable is *live* if a way leads to an element that reads it, without passing
-one that certainly sets it before. A token may also come to boundary events and event sub-processes around it. A script
-that only changes a list or mapping in place, or counts, does not read it: if nothing else does, it is dead. What is
-dead becomes unknown: a wrong "live" costs states, a wrong "dead" precision, but neither hides a run. A variable is
-removed if no way leads to an element that reads it.
+one that certainly sets it before. A token may also come to boundary events and event sub-processes around it. What is
+dead becomes unknown. A script that only changes a value in place, or counts, reads it: on one that is unknown it would
+not fail. A variable is removed if no way leads to an element that reads it.
 """
 
 from __future__ import annotations
 
-import ast
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from functools import lru_cache
 from types import MappingProxyType
 
 from fame.bpmn import model
@@ -24,7 +21,6 @@ from fame.check.expressions import expressions_in
 from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.scripting.effects import effects_of, script_effects
-from fame.scripting.python_effects import CHANGING_METHODS, syntax_tree
 
 Dead = tuple[frozenset[str], frozenset[str]]
 """Variables whose values are not read before they are set, and variables that are not read at all."""
@@ -45,7 +41,7 @@ class Liveness:
         self.after: dict[str, set[str]] = defaultdict(set)
         self.aside: dict[str, set[str]] = defaultdict(set)
         self._reads: dict[str, set[str]] = defaultdict(set)
-        self._changes: dict[str, set[str]] = defaultdict(set)  # what is read only to change it
+        self._changes: dict[str, set[str]] = defaultdict(set)  # what a script reads that it has set before
         self._sets: dict[str, set[str]] = {}
         self._always: set[str] = {*abstract.facts.read}
         self._dead: dict[frozenset[str], Dead] = {}
@@ -140,9 +136,7 @@ class Liveness:
                     self._always |= use.reads
             elif use.use != "payload":
                 element = use.element.source if isinstance(use.element, model.SequenceFlow) else use.element.id
-                changes = frozenset[str]()  # what the script has set before, too
-                if use.use == "script":
-                    changes = only_changed(use.expression) | (use.reads - use.effects.read_first)
+                changes = use.reads - use.effects.read_first if use.use == "script" else frozenset()
                 self._reads[element] |= (use.reads - changes) | ({key_of(use.expression)} & self._remembered.keys())
                 self._changes[element] |= changes
 
@@ -207,24 +201,3 @@ def _set_by(node: model.FlowNode, body: model.Body) -> Iterator[str]:
             if not throws and not topic.takes and taken(node, topic, body) == (name,):
                 yield name
             yield from (item.target for item in topic.takes if effects_of(item.source).reads <= {"msg"})
-
-
-@lru_cache(maxsize=1024)
-def only_changed(script: model.Expression) -> frozenset[str]:
-    """Return the variables that a script in Python only changes: ``x[k] = ...``, ``x.append(...)``, ``x += ...``."""
-    tree = syntax_tree(script)
-    if tree is None:
-        return frozenset()
-    changing, counted_up = set[int](), set[int]()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Assign):
-            changing |= {id(target.value) for target in node.targets if isinstance(target, ast.Subscript)}
-        elif isinstance(node, ast.AugAssign):
-            counted_up.add(id(node.target))
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            function = node.value.func
-            if isinstance(function, ast.Attribute) and function.attr in CHANGING_METHODS:
-                changing.add(id(function.value))
-    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
-    read = {node.id for node in names if isinstance(node.ctx, ast.Load) and id(node) not in changing}
-    return frozenset({node.id for node in names if id(node) in changing | counted_up} - read)
