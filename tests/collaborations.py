@@ -368,9 +368,9 @@ class _Process:
 
     def _host(self, before: str, body: Steps) -> str:
         """An activity with these steps: the only one of them, if it can be the host of a boundary event."""
-        (*others, step) = body
+        step = body[0] if len(body) == 1 else ""
         activity = step[0] in ("call", "mapped") if isinstance(step, tuple) else step in ("work", "fail c")
-        host = self.step(before, step) if activity and not others else self._sub(before, body)
+        host = self.step(before, step) if activity else self._sub(before, body)
         assert host is not None
         return host
 
