@@ -141,7 +141,7 @@ def test_endpoints_carry_type_hashes_and_participants_their_enclave(
     found: dict[str, Any] = {}
     wait(lambda: found.update({end.topic_name: end for end in endpoints.take(100)}) or "rt/answer" in found)
     assert found["rt/answer"].type_name == "std_msgs::msg::dds_::String_"
-    assert found["rt/answer"].qos[Policy.Userdata].data == f"typehash={codec.type_hash(TEXT)};numbered=1;".encode()
+    assert found["rt/answer"].qos[Policy.Userdata].data == f"typehash={codec.type_hash(TEXT)};numbered=2;".encode()
     assert found["ros_discovery_info"].type_name == "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
     data = found["ros_discovery_info"].qos[Policy.Userdata].data
     assert data == b"typehash=RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e;"
@@ -628,6 +628,35 @@ def together() -> Iterator[WallWorld]:
     world = dds_world(apart=False)
     yield world
     world.close()
+
+
+def test_that_more_may_be_lost_of_a_publisher_that_has_sent_before_is_said(together: WallWorld) -> None:
+    here, seen = together, list[int]()
+    publisher = here.node("a").publisher("/x", INT)
+    publisher.publish(create(INT, -1))
+    here.node("b").subscription("/x", INT, lambda message: seen.append(message.data), QoS(depth=10))
+    here.connect("/x")
+    for number in range(100):
+        publisher.publish(create(INT, number))
+    here.until(lambda: 99 in seen)
+    assert seen == [*range(90, 100)]
+    text = "/x: /b lost at least 1 messages, which came faster than it takes them or not at all"
+    assert losses(here) == [text]
+
+
+def test_a_subscription_that_joins_late_has_lost_nothing(here: WallWorld) -> None:
+    seen: list[int] = []
+    publisher = here.node("a").publisher("/x", INT, QoS(durability="transient_local"))
+    for number in range(50):
+        publisher.publish(create(INT, number))
+    for name, durability in (("b", "volatile"), ("c", "transient_local")):
+        qos = QoS(durability=durability)
+        here.node(name).subscription("/x", INT, lambda message: seen.append(message.data), qos)
+    here.connect("/x")
+    publisher.publish(create(INT, 50))
+    publisher.publish(create(INT, 51))
+    here.until(lambda: seen.count(51) == 2)
+    assert losses(here) == []
 
 
 def test_that_more_may_be_lost_of_a_publisher_that_numbers_nothing_is_said(together: WallWorld) -> None:

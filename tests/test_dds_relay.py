@@ -99,6 +99,23 @@ def test_an_engine_that_takes_nothing_holds_up_nobody_and_gets_the_last_when_it_
     assert any("/A/_listener lost" in text for text in hangs.losses())
 
 
+def test_an_engine_says_that_its_participant_may_have_lost_more(here: RelayWorld) -> None:
+    seen: list[int] = []
+    listener = here.node("listener", "B")
+    listener.subscription("/x", INT, lambda message: seen.append(message.data), QoS(depth=10))
+    sender = here.node("sender", "C").publisher("/x", INT, QoS(depth=100))
+    here.connect("/x")
+    (there,) = (end for engine in here.relay.engines for node in engine.nodes for end in node.subscriptions)
+    there.uncounted = True  # as of a sender that numbers nothing
+    for number in range(30):
+        sender.publish(messages.create(INT, number))
+    here.arrive()
+    here.until(lambda: 29 in seen)
+    assert [text for each in here.middlewares for text in each.losses()] == [
+        f"/x: /B/listener lost at least {30 - len(seen)} messages, which came faster than it takes them or not at all"
+    ]
+
+
 class Halting(dict[int, Any]):
     """The endpoints of an engine that takes nothing until it goes on."""
 

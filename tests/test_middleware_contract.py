@@ -202,12 +202,34 @@ def test_messages_that_come_faster_than_they_are_taken_are_counted_as_lost(here:
 
 
 def test_the_messages_that_a_slow_subscription_loses_are_counted_by_their_numbers(here: World) -> None:
-    """ROS gives a subscription no numbers: there it is said that more may be lost."""
     seen, begin = overrun(here, QoS(depth=5), 500)
     begin()
     here.until(lambda: 499 in seen)
+    assert_counted(here, 501 - len(seen))
+
+
+@pytest.mark.parametrize("sends", [False, True], ids=["listens", "sends"])
+def test_messages_that_are_lost_before_the_first_one_is_taken_are_counted(here: World, sends: bool) -> None:
+    """Also if the robot sends on the topic itself, and its own messages push out others."""
+    seen: list[int] = []
+    robot, qos = here.node("b"), QoS(depth=20)
+    robot.subscription("/x", INT, lambda message: seen.append(message.data), qos)
+    publisher = here.node("a").publisher("/x", INT, qos)
+    here.connect("/x")
+    own = robot.publisher("/x", INT, qos)
+    for number in range(1000):
+        publisher.publish(create(INT, number))
+        for _ in range(4 * sends):
+            own.publish(create(INT, -1))
+    here.arrive()
+    publisher.publish(create(INT, 1000))
+    here.until(lambda: 1000 in seen)
+    assert_counted(here, 1001 - len(seen))
+
+
+def assert_counted(here: World, lost: int) -> None:
+    """Assert what is said about the messages that /b has lost. ROS gives them no numbers: there may be more."""
     (text,) = losses(here)
-    lost = 501 - len(seen)
     if isinstance(here, WallWorld) and type(here.middlewares[0]).__name__.startswith("Ros"):
         found = re.search(r"lost at least (\d+) messages", text)
         assert found is not None

@@ -577,3 +577,19 @@ def test_a_router_with_passwords_lets_in_who_knows_one(tmp_path: Path) -> None:
         for middleware in (friend, stranger):
             middleware.close()
         router.kill()
+
+
+def test_that_more_may_be_lost_of_a_history_than_its_numbers_show_is_said(here: WallWorld) -> None:
+    seen: list[str] = []
+    qos = QoS(durability="transient_local", depth=5)
+    publisher = here.node("a").publisher("/x", TEXT, qos)
+    for number in range(50):
+        publisher.publish(create(TEXT, str(number)))
+    here.node("b").subscription("/x", TEXT, lambda message: seen.append(message.data), qos)
+    here.connect("/x")
+    here.until(lambda: "49" in seen)
+    for number in range(50, 1000):
+        publisher.publish(create(TEXT, str(number)))
+    here.until(lambda: "999" in seen)
+    (text,) = here.middlewares[-1].losses()
+    assert text.startswith("/x: /b lost at least ")

@@ -9,7 +9,7 @@ USER_DATA of both endpoints of a client or service holds one id, which shows tha
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
@@ -37,6 +37,8 @@ _BATCH = 16
 """How many samples are taken from Cyclone at a time."""
 _MAX_BATCHES = 64
 """How many batches are taken in a row."""
+_NEW = 10_000
+"""How many messages of a publisher may be sent `to_all`: each time, Cyclone is asked."""
 _LONGEST = 10 * SECOND
 """In this time nobody sends as many messages as there are numbers."""
 
@@ -45,9 +47,10 @@ class DdsPublisher(WirePublisher):
     def __init__(self, node: DdsNode, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
         self._participant = participant = node.participant
-        self._unflushed, self._sent = False, 0
+        self._unflushed, self._sent, self._matches, self._to_all = False, 0, 0, True
         data = wire.type_hash(self.type) + wire.NUMBERED + wire.ACKNOWLEDGED * qos.acknowledged
         self._writer = participant.entities.writer(wire.dds_topic(topic), self.type, qos, data)
+        self._matched_status: Callable[[], Any] = self._writer.get_publication_matched_status
         self.gid: bytes = self._writer.guid.bytes
         self.handle: int = wire.handle(self._writer.get_instance_handle())
 
@@ -57,8 +60,12 @@ class DdsPublisher(WirePublisher):
     def send(self, data: bytes) -> None:
         """Send a message that is packed, from any thread. Raises MessageError."""
         self._unflushed = True
+        if self._to_all:
+            matches = self._matched_status().total_count
+            self._matches = self._matches if self._sent else matches
+            self._to_all = matches == self._matches and self._sent < _NEW
         try:
-            self._writer.write(self._writer.data_type(data), wire.numbered_time(self._sent))
+            self._writer.write(self._writer.data_type(data), wire.numbered_time(self._sent, self._to_all))
             self._sent += 1
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
@@ -88,8 +95,9 @@ class DdsPublisher(WirePublisher):
 class DdsSubscription(WireSubscription):
     """A subscription.
 
-    The messages of publishers of FAME are numbered, so that all that are missing are counted. Of others, Cyclone keeps
-    one message more than the depth: so it is noticed that some were dropped, though not how many.
+    The messages of publishers of FAME are numbered, so that all that are missing are counted: those before the first
+    that is taken as well, if it was matched before the publisher sent any. Of others, Cyclone keeps one message more
+    than the depth: so it is noticed that some were dropped, though not how many.
     While it is `held`, messages wait in Cyclone alone, for `drain`.
     """
 
@@ -102,6 +110,10 @@ class DdsSubscription(WireSubscription):
         self._senders: dict[int, str] = {}
         self._acknowledged: dict[int, bool] = {}
         self._last: dict[int, int | None] = {}  # source times of the last messages; None: not numbered
+        self._before: dict[int, int] = {}  # missing before the first messages, not counted yet
+        self._in_cyclone = 0  # taken since Cyclone had none
+        self._unknown = False  # whether one of these may follow others that were not taken
+        self._overflowed = False  # whether Cyclone may ever have pushed out any
         self._reader = participant.entities.reader(
             wire.dds_topic(topic), self.type, one_deeper(qos), wire.type_hash(self.type)
         )
@@ -132,22 +144,19 @@ class DdsSubscription(WireSubscription):
         """Take what waits in Cyclone. Another thread may call this."""
         if self.held or self.closed:
             return
-        unnumbered = 0
         for _ in range(_MAX_BATCHES):
             samples = self._reader.take(_BATCH)
-            for data, info in self._accepted(samples):
+            for data, _ in self._accepted(samples):
                 self.enqueue(data)
-                unnumbered += self._last.get(info.publication_handle) is None
             if len(samples) < _BATCH:
                 break
         else:
             self._soon(self._on_data)  # let others have their turn
-        if self.counts_losses and unnumbered > self.qos.depth and self.qos.history == "keep_last":
-            self.uncounted = True
         self.schedule()
 
-    def _accepted(self, samples: Iterable[Any]) -> Iterator[tuple[bytes, Any]]:
+    def _accepted(self, samples: Sequence[Any]) -> Iterator[tuple[bytes, Any]]:
         """The messages of other nodes, each with its sample info of DDS. Counts those that are missing before them."""
+        self._in_cyclone += len(samples)  # its own, too: they push out others
         for sample in samples:
             info = sample.sample_info
             if info.valid_data and info.publication_handle not in self._own:
@@ -156,18 +165,39 @@ class DdsSubscription(WireSubscription):
                 if self.counts_losses:
                     self._count(info.publication_handle, info.source_timestamp)
                 yield sample.data, info
+        self._overflowed |= self._in_cyclone > self.qos.depth and self.qos.history == "keep_last"
+        if self._overflowed:
+            self.uncounted |= self._unknown
+            self.count_lost(sum(self._before.values()))
+            self._before.clear()
+        if len(samples) < _BATCH:
+            self._in_cyclone, self._unknown = 0, False
 
     def _count(self, sender: int, time: int) -> None:
         """Count the messages of a sender that are missing before one of this source time."""
         last = self._last.get(sender)
         if last is not None:
             number = wire.missing(last, time)
+            if (before := self._before.pop(sender, 0)) and wire.sent_before(time)[1]:
+                number += before  # else it may have been matched as the first was sent
             self.count_lost(number)
             if number > 0 and time - last > _LONGEST:
                 self.uncounted = True
             self._last[sender] = time
-        elif sender not in self._last:
-            self._last[sender] = time if "numbered" in self._user_data(sender) else None
+        elif sender in self._last:
+            self._unknown = True
+        else:
+            self._begin(sender, time)
+
+    def _begin(self, sender: int, time: int) -> None:
+        """Take the first message of a sender."""
+        numbered = self._user_data(sender).get("numbered")
+        self._last[sender] = time if numbered else None
+        before, to_all = wire.sent_before(time)
+        if numbered == "2" and to_all and self.qos.durability == "volatile":  # else it begins with the history
+            self._before[sender] = before
+        elif before or not numbered:
+            self._unknown = True
 
     def _is_acknowledged(self, sender: int) -> bool:
         """Whether what a publisher sends comes in another way."""

@@ -194,8 +194,9 @@ class RelayedEngine(DdsMiddleware):
         """Return the endpoints that have lost messages since the last time: number, how many, whether more."""
         found = []
         for number, endpoint in self._entities.items():
-            if lost := getattr(endpoint, "lost", 0):
-                found.append((number, lost, getattr(endpoint, "uncounted", False)))
+            lost, uncounted = getattr(endpoint, "lost", 0), getattr(endpoint, "uncounted", False)
+            if lost or uncounted:
+                found.append((number, lost, uncounted))
                 endpoint.lost = 0
         return found
 

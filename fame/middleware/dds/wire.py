@@ -137,8 +137,8 @@ def _primitive(field: Field) -> Any:
 
 _PATIENCE = SECOND // 10
 """Time that a write waits for subscriptions that do not keep up (ns)."""
-NUMBERED = "numbered=1;"
-"""The entry of the USER_DATA of a publisher that writes each message at its `numbered_time`."""
+NUMBERED = "numbered=2;"
+"""The entry of the USER_DATA of a publisher that writes each message at its `numbered_time`; 1: without `to_all`."""
 ACKNOWLEDGED = "acknowledged=1;"
 """The entry of the USER_DATA of a publisher whose `QoS` is acknowledged."""
 _NUMBERS = 2**20
@@ -208,12 +208,18 @@ def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
             continue
 
 
-def numbered_time(number: int) -> int:
+def numbered_time(number: int, to_all: bool) -> int:
     """Return the source time (ns) of a message, whose last 20 bits (1 ms) number the messages of a publisher.
 
-    DDS numbers them too, but Cyclone does not tell the numbers, nor that messages are missing.
+    DDS numbers them too, but Cyclone does not tell the numbers, nor that messages are missing. The bit before them is
+    set if all before this one went `to_all` subscriptions that this one goes to: none has been matched since the first.
     """
-    return time.time_ns() & -_NUMBERS | number % _NUMBERS
+    return time.time_ns() & -2 * _NUMBERS | to_all * _NUMBERS | number % _NUMBERS
+
+
+def sent_before(time: int) -> tuple[int, bool]:
+    """Return how many messages a publisher that is `NUMBERED` sent before one of this source time, and `to_all`."""
+    return time % _NUMBERS, bool(time & _NUMBERS)
 
 
 def missing(last: int, now: int) -> int:

@@ -240,7 +240,7 @@ class ZenohSubscription(WireSubscription):
             with suppress(IndexError, MessageError):  # the scheduler has just taken it; it is refused elsewhere
                 dropped = arrived.popleft()
                 number, _, gid = tokens.read_attachment(dropped.attachment.to_bytes() if dropped.attachment else b"")
-                self._last.setdefault(gid, number - 1)  # of a publisher that is new: where counting begins
+                self._begin(gid, number)
         arrived.append(sample)
         if not self._noted and self._wakeups is not None:
             self._noted = True
@@ -267,9 +267,9 @@ class ZenohSubscription(WireSubscription):
     def _receive(self, number: int, sent: int, gid: bytes, data: bytes) -> None:
         if not self._accepts(gid, sent) or (self.qos.acknowledged and number > tokens.ACKNOWLEDGED):
             return
-        last = self._last.get(gid)
-        if last is not None and number > last + 1 and self.counts_losses:
-            self.count_lost(number - last - 1)
+        self._begin(gid, number)
+        if self.counts_losses:
+            self.count_lost(max(0, number - self._last[gid] - 1))
         self._last[gid] = number
         if self.held:
             if self.counts_losses and len(self._held) == self._held.maxlen:
@@ -278,6 +278,12 @@ class ZenohSubscription(WireSubscription):
         else:
             self.enqueue(data)
             self.schedule()
+
+    def _begin(self, gid: bytes, number: int) -> None:
+        """Begin to count with the first message of a publisher; Zenoh may have dropped others from the history."""
+        if gid not in self._last:
+            self._last[gid] = number - 1
+            self.uncounted |= self._listener is not None and number % tokens.ACKNOWLEDGED > 1
 
     def _accepts(self, gid: bytes, sent: int) -> bool:
         """Whether the quality of service of a publisher fits, and its message is not too old."""
