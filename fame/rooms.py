@@ -126,7 +126,7 @@ SERVICES: Mapping[str, BuiltInService] = {
         "fame.monitor.services:CollectService",
         ("output", "label"),
         ("runs_collected",),
-        topics="fame.monitor.services:arm_topics",
+        topics="fame.monitor.services:collect_topics",
     ),
     "adm_learn": BuiltInService("fame.monitor.services:adm_learn", ("config",), ("classifier",), _LEARNING),
     "adm_operate": BuiltInService(
@@ -144,7 +144,13 @@ SERVICES: Mapping[str, BuiltInService] = {
     WATCH: BuiltInService(
         "fame.log.property_watch:PropertyWatch", ("property", "sentence"), topics="fame.log.property_watch:topics"
     ),
-    "train": BuiltInService("fame.monitor.services:train", ("configuration",), ("model", "thresholds"), _LEARNING),
+    "train": BuiltInService(
+        "fame.monitor.services:train",
+        ("configuration",),
+        ("model", "thresholds"),
+        _LEARNING,
+        "fame.monitor.services:train_topics",
+    ),
 }
 """The services of FAME by name; `fame.monitor.services` says what they do."""
 

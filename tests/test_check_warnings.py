@@ -317,7 +317,8 @@ Processor: {Class: Threshold, Parameters: {threshold: 1}}
         (UNIT.replace(": 1", ": 1, model: later.npz, hysteresis: 2"), "alarm", ["call: does not start: unit.yaml:6: "
          "Processor.Parameters.hysteresis: expected a number from 0 to 1"]),
         (UNIT.replace(": 1", ": 1, model: later.npz"), "alarm", []),
-        (UNIT.replace("Threshold, Parameters: {threshold: 1}", "own.Alarms"), "alarm", []),
+        (UNIT.replace("Threshold, Parameters: {threshold: 1}", "own.Alarms"), "alarm",
+         ["call: does not start: unit.yaml:6: Processor.Class: Python does not find the module own here: install it"]),
         (UNIT.replace("Threshold", "Treshold"), "alarm", ["call: does not start: unit.yaml:6: Processor.Class: "
          "expected a processor, module:Class or file.py:Class, got 'Treshold'; did you mean 'Threshold'?"]),
         (UNIT.replace("{Class", "[{Class: Expression, Parameters: {formula: 2 * Inn}}, {Class") + "]", "alarm",

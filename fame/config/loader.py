@@ -158,15 +158,19 @@ def _is_named(group: str) -> bool:
 
 def find_object(name: str, folder: Path) -> Any:
     """Return the object that ``module:Name`` or ``file.py:Name`` (relative to `folder`) names. Raises ConfigError."""
-    module, colon, attribute = name.rpartition(":")
-    if not colon:
-        module, _, attribute = name.rpartition(".")
-    if not module:
-        raise ConfigError(f"expected module:Name or file.py:Name, got {name!r}")
+    module, attribute = split_name(name)
     try:
         return getattr(_module(module, folder), attribute)
     except AttributeError:
         raise ConfigError(f"{module} has no {attribute!r}") from None
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Return the module or file, and the name in it, of ``module:Name`` or ``module.Name``. Raises ConfigError."""
+    module, _, attribute = name.rpartition(":" if ":" in name else ".")
+    if not module:
+        raise ConfigError(f"expected module:Name or file.py:Name, got {name!r}")
+    return module, attribute
 
 
 def _module(name: str, folder: Path) -> Any:

@@ -46,8 +46,10 @@ class Alarm:
 
 
 def topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
-    """Return the topic of the alarm that the variables of a service give."""
+    """Return the topic of the alarm that the variables of a service give. Raises ConfigError for a wrong sentence."""
     name = variables.get("property")
+    if variables.get("sentence") is not None:
+        parse(variable(variables, "sentence", type=str), Location(), str(name or ""))
     return [ServiceTopic(_topic(str(name)), STRING, True)] if name is not None else None
 
 

@@ -24,6 +24,7 @@ from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
+from fame.config.loader import find_object
 from fame.engine.host import BpmnError
 from fame.errors import ConfigError, MissionError, UnavailableError
 from fame.middleware.typesystem import STRING
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
     from fame.monitor.pipeline.node import ProcessingNode
+    from fame.monitor.pipeline.processors import Find
 
 BLIND = "continue", "wait", "error"
 RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
@@ -140,15 +142,17 @@ def process_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Servi
     Raises ConfigError, also for processors that cannot be made or do not fit together.
     """
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.processors import check_processors, of_others
+    from fame.monitor.pipeline.processors import check_processors
+    from fame.monitor.pipeline.stand_in import look_up
 
+    _choice(variables, "blind", BLIND)
     if variables.get("configuration") is None:
         return None
     configuration = load(_configuration_file(folder, variables))
     given = _parameters(variables)
-    if variables.get("parameters", "") is not None and not (given and any(map(of_others, configuration.stages))):
+    if variables.get("parameters", "") is not None:
         with suppress(UnavailableError):  # packages of a processor may be on the robot alone
-            check_processors(_with_parameters(configuration, given, folder) if given else configuration)
+            check_processors(_with_parameters(configuration, given, folder, look_up))
     return _topics(configuration, variables)
 
 
@@ -169,6 +173,15 @@ def record_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Servic
         return None
     found = _topics(load(_configuration_file(folder, variables)), variables)
     return [one for one in found if not one.throws] if found is not None else None
+
+
+def train_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic]:
+    """Return none. Raises ConfigError for a wrong configuration."""
+    from fame.monitor.pipeline.configuration import load
+
+    if variables.get("configuration") is not None:
+        load(_configuration_file(folder, variables))
+    return ()
 
 
 def _name(topic: str, namespace: Any) -> str:
@@ -200,20 +213,21 @@ def _parameters(variables: Mapping[str, Any]) -> Mapping[str, Any]:
     return given
 
 
-def _with_parameters(configuration: Configuration, given: Mapping[str, Any], folder: Path) -> Configuration:
+def _with_parameters(
+    configuration: Configuration, given: Mapping[str, Any], folder: Path, find: Find = find_object
+) -> Configuration:
     """Pass each parameter to the stages that have it; files are relative to `folder`. Raises ConfigError."""
     from dataclasses import replace
 
     from fame.monitor.pipeline.processor import declared_parameters
-    from fame.monitor.pipeline.processors import find_class
+    from fame.monitor.pipeline.processors import find_classes
+    from fame.monitor.pipeline.stand_in import takes_any
 
     stages: list[Stage] = []
     used: set[str] = set()
-    for stage in configuration.stages:
-        types = {
-            parameter.name: parameter.type
-            for parameter in declared_parameters(find_class(stage.cls, configuration.folder))
-        }
+    kinds = find_classes(configuration, find)
+    for stage, kind in zip(configuration.stages, kinds, strict=True):
+        types = {parameter.name: parameter.type for parameter in declared_parameters(kind)}
         own = {
             name: str((folder / str(value)).resolve()) if types[name] == "file" else value
             for name, value in given.items()
@@ -221,7 +235,7 @@ def _with_parameters(configuration: Configuration, given: Mapping[str, Any], fol
         }
         used |= own.keys()
         stages.append(replace(stage, parameters={**stage.parameters, **own}))
-    unused = [name for name in given if name not in used]
+    unused = [name for name in given if name not in used and not any(map(takes_any, kinds))]
     if unused:
         raise ConfigError("no processor has this parameter", file=str(configuration.file), element=unused[0])
     return replace(configuration, stages=tuple(stages))
@@ -243,9 +257,7 @@ class CollectService:
         from fame.monitor.anomaly.nodes import RunNode
 
         self._output = context.folder / variable(variables, "output", type=str)
-        label = variable(variables, "label", type=int)
-        if label not in (1, -1):
-            raise ConfigError(f"variable label: expected 1 (benign) or -1 (anomalous), got {label}")
+        label = _label(variables)
         points, runs = variable(variables, "points", 0, type=int), variable(variables, "runs", 0, type=int)
         self._collector = Collector(label, _rule(variables), cycle=points, limit=runs)
         self._report = context.report
@@ -274,9 +286,7 @@ def adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> Runnin
     from fame.monitor.anomaly.model import Model
     from fame.monitor.anomaly.nodes import OperateNode
 
-    threshold = variable(variables, "threshold", type=float) if variables.get("threshold") is not None else None
-    if threshold is not None and not 0 <= threshold < 1:
-        raise ConfigError(f"variable threshold: expected a number from 0 to 1, got {threshold:g}")
+    threshold = _threshold(variables)
     model = Model.load(context.folder / variable(variables, "model", type=str))
     monitor = RunMonitor(model, threshold, _rule(variables), variable(variables, "points", 0, type=int))
     return _NodeService(OperateNode(context.middleware, context.scheduler, monitor, _arm(context, variables)))
@@ -292,10 +302,20 @@ def adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> RunningS
     return CommandService(context, ["monitor", "adm", "learn", str(config), "-o", str(model)], results)
 
 
+def collect_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
+    """Return the topics by which runs are recorded. Raises ConfigError for variables with other values than allowed."""
+    if variables.get("label") is not None:
+        _label(variables)
+    variable(variables, "runs", 0, type=int)
+    return arm_topics(folder, variables)
+
+
 def arm_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
-    """Return the topics by which an arm is watched."""
+    """Return the topics by which an arm is watched. Raises ConfigError for variables with other values than allowed."""
     from fame.monitor.anomaly.nodes import bag_topics
 
+    _choice(variables, "rule", RULES), _choice(variables, "field", FIELDS)
+    variable(variables, "points", 0, type=int)
     topic, rule = variables.get("topic", "/joint_states"), variables.get("rule", "")
     if topic is None or rule is None:
         return None
@@ -306,6 +326,7 @@ def operate_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Servi
     """Return the topics of anomaly detection."""
     from fame.monitor.anomaly.nodes import PUBLISHED
 
+    _threshold(variables)
     read = arm_topics(folder, variables)
     thrown = (ServiceTopic(_name(name, None), type, True) for name, type in PUBLISHED.items())
     return [*read, *thrown] if read is not None else None
@@ -318,6 +339,20 @@ def _arm(context: ServiceContext, variables: Mapping[str, Any]) -> ArmOptions:
         topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
         namespace=context.namespace, report=context.report, done=context.changed,
     )  # fmt: skip
+
+
+def _label(variables: Mapping[str, Any]) -> int:
+    label = variable(variables, "label", type=int)
+    if label not in (1, -1):
+        raise ConfigError(f"variable label: expected 1 (benign) or -1 (anomalous), got {label}")
+    return label
+
+
+def _threshold(variables: Mapping[str, Any]) -> float | None:
+    threshold = variable(variables, "threshold", type=float) if variables.get("threshold") is not None else None
+    if threshold is not None and not 0 <= threshold < 1:
+        raise ConfigError(f"variable threshold: expected a number from 0 to 1, got {threshold:g}")
+    return threshold
 
 
 def _rule(variables: Mapping[str, Any]) -> Rule:

@@ -100,8 +100,10 @@ class Stage:
 
     def error(self, key: str, text: str) -> ConfigError:
         """Return an error about a key of this stage, which may be written as its class alone."""
-        path = self.place.path if isinstance(self.place.data, str) else join(self.place.path, key)
-        return self.place.source.error(path, text)
+        if isinstance(self.place.data, str):
+            name = key.partition("Parameters.")[2]  # given by a mission
+            return self.place.source.error(self.place.path, f"{name}: {text}" if name else text)
+        return self.place.source.error(join(self.place.path, key), text)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from fame.errors import ConfigError
 from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples
+from fame.monitor.pipeline.stand_in import look_up
 
 _RETRY_CALLS = 50  # calls between two attempts to reach a machine that is away
 _MAX_LINE = 1 << 16  # bytes of a line, at most
@@ -44,6 +45,11 @@ class Machine(Processor):
         self._open = None if self._poll is not None else _opener(self.source)
         self._connection: _TcpConnection | _SerialConnection | None = None
         self._rest, self._wait = b"", 0
+
+    @classmethod
+    def as_known(cls, source: str = "", folder: str | Path = ".", **values: Any) -> Machine:
+        """Return one whose callable is looked up, but not imported. Raises ConfigError."""
+        return cls(source if "://" in source else look_up(source, Path(folder)), **values)
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         answer = self._poll() if self._poll is not None else self._last_line()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os.path import exists
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,17 @@ import numpy as np
 
 from fame.config.loader import find_object, registered
 from fame.config.values import join
+from fame.dataclasses import replace
 from fame.errors import ConfigError, FameError
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage
 from fame.monitor.pipeline.processor import Samples, SupportsExecute, declared_parameters, output_names
+from fame.monitor.pipeline.stand_in import look_up, takes_any
+from fame.robot.services import MissingFileError
 from fame.rooms import PROCESSORS, load
 from fame.text import suggestion
+
+Find = Callable[[str, Path], Any]
+"""What finds the object of a name: `find_object`, or `look_up`, which runs no code of others."""
 
 
 def make_processors(configuration: Configuration) -> list[Any]:
@@ -31,30 +37,26 @@ def make_processors(configuration: Configuration) -> list[Any]:
 def check_processors(configuration: Configuration) -> None:
     """Refuse processors that cannot be made, or that do not fit together, before anything runs.
 
-    Not known are then: code of others, and what files hold, which the mission itself may write. Raises ConfigError.
+    Not known are then: what code of others does not say in its text, and what files hold, which the mission itself may
+    write. Raises ConfigError.
     """
     made = [_as_known(stage, configuration) for stage in _stages(configuration)]
     _refuse_unknown_inputs(made, configuration)
     assign(made, configuration)
 
 
-def of_others(stage: Stage) -> bool:
-    """Return whether the class of a stage is not FAME's, but named by its module or file."""
-    return not {*stage.cls}.isdisjoint(".:")
-
-
 def _as_known(stage: Stage, configuration: Configuration) -> Any:
-    """A processor as far as it is known; any object in place of code of others."""
-    if of_others(stage):
-        return object()
-    kind = _class(stage, configuration)
-    opens = stage.cls not in PROCESSORS or "folder" in inspect.signature(kind).parameters
-    return object() if opens else _make(kind, stage, configuration, files=False)
+    """A processor as far as it is known."""
+    kind = _class(stage, configuration, look_up)
+    if takes_any(kind):
+        declared = {parameter.name for parameter in kind.parameters}
+        stage = replace(stage, parameters={name: stage.parameters[name] for name in declared & stage.parameters.keys()})
+    return _make(kind, stage, configuration, look_up)
 
 
-def find_classes(configuration: Configuration) -> list[type]:
+def find_classes(configuration: Configuration, find: Find = find_object) -> list[type]:
     """Return the classes of its processors, which may need models that are not trained yet. Raises ConfigError."""
-    return [_class(stage, configuration) for stage in _stages(configuration)]
+    return [_class(stage, configuration, find) for stage in _stages(configuration)]
 
 
 def _stages(configuration: Configuration) -> Sequence[Stage]:
@@ -63,14 +65,19 @@ def _stages(configuration: Configuration) -> Sequence[Stage]:
     return configuration.stages
 
 
-def _class(stage: Stage, configuration: Configuration) -> type:
+def _class(stage: Stage, configuration: Configuration, find: Find = find_object) -> type:
     try:
-        return find_class(stage.cls, configuration.folder)
+        return find_class(stage.cls, configuration.folder, find)
     except ConfigError as error:
-        raise stage.error("Class", error.text) from None
+        raise _located(error, stage, "Class") from None
 
 
-def find_class(name: str, folder: Path) -> type:
+def _located(error: ConfigError, stage: Stage, key: str) -> ConfigError:
+    located = stage.error(key, error.text)
+    return MissingFileError(str(located)) if isinstance(error, MissingFileError) else located
+
+
+def find_class(name: str, folder: Path, find: Find = find_object) -> type:
     """Find a class: a built-in name, ``module:Class``, or ``file.py:Class`` relative to a folder.
 
     Raises ConfigError.
@@ -83,7 +90,7 @@ def find_class(name: str, folder: Path) -> type:
     if not name.replace(":", ".").rpartition(".")[0]:
         hint = suggestion(name, (*PROCESSORS, *added))
         raise ConfigError(f"expected a processor, module:Class or file.py:Class, got {name!r}; {hint}")
-    found = find_object(name, folder)
+    found = find(name, folder)
     if not isinstance(found, type) or not callable(getattr(found, "execute", None)):
         raise ConfigError(f"expected a class with a method execute(inputs), got {name}")
     return found
@@ -145,22 +152,21 @@ def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> No
             model.require(path, data=hash_files(files))
 
 
-def _make(kind: type[Any], stage: Stage, configuration: Configuration, *, files: bool = True) -> Any:
-    """Make a processor; without `files`, one that is given a file is not made, but its parameters are checked."""
+def _make(kind: type[Any], stage: Stage, configuration: Configuration, find: Find = find_object) -> Any:
+    """Make a processor; one that is given a file only if `find` may run code of others."""
     try:
         arguments = _arguments(kind, stage.parameters, configuration.folder)
-        declared = [each for each in declared_parameters(kind) if each.name in arguments]
-        if not files and any(each.type == "file" for each in declared):
-            for parameter in declared:
-                parameter.convert(arguments[parameter.name])
+        if find is look_up and any(
+            each.type == "file" and each.name in arguments for each in declared_parameters(kind)
+        ):
             return object.__new__(kind)
         if "folder" in inspect.signature(kind).parameters:  # classes that look for files themselves
             arguments.setdefault("folder", configuration.folder)
-        return kind(**arguments)
+        return (getattr(kind, "as_known", kind) if find is look_up else kind)(**arguments)
     except ConfigError as error:
         if error.file:
             raise stage.error("Parameters", f"{error.file}: {error.text}") from None
-        raise stage.error(join("Parameters", error.element) if error.element else "Parameters", error.text) from None
+        raise _located(error, stage, join("Parameters", error.element) if error.element else "Parameters") from None
     except FameError:
         raise
     except Exception as error:
@@ -169,15 +175,18 @@ def _make(kind: type[Any], stage: Stage, configuration: Configuration, *, files:
 
 
 def _arguments(kind: type, given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the arguments for a class; files are relative to the folder. Raises ConfigError for an unknown one."""
-    types = {parameter.name: parameter.type for parameter in declared_parameters(kind)}
+    """Return the arguments for a class; files are relative to the folder. Raises ConfigError for an unknown one, and
+    for a value that a declared one does not have."""
+    declared = {parameter.name: parameter for parameter in declared_parameters(kind)}
     taken = inspect.signature(kind).parameters.values()
-    names = {each.name for each in taken if each.kind is not inspect.Parameter.VAR_KEYWORD} | types.keys()
-    for name in given:
+    names = {each.name for each in taken if each.kind is not inspect.Parameter.VAR_KEYWORD} | declared.keys()
+    for name, value in given.items():
         if name not in names:
             raise ConfigError(f"unknown parameter; known are {', '.join(sorted(names)) or 'none'}", element=name)
-    files = {name: str(folder / value) for name, value in given.items() if types.get(name) == "file" and value}
-    return {**given, **files}
+        if name in declared:
+            declared[name].convert(value)
+    files = {name for name, value in given.items() if name in declared and declared[name].type == "file" and value}
+    return {**given, **{name: str(folder / given[name]) for name in files}}
 
 
 def run(
