@@ -613,3 +613,34 @@ def test_the_topic_of_a_name_is_noted_once() -> None:
     text = alone(row(throw("a"), throw("b"), script('signal("all done")'))).replace('name="done"', 'name="all done"')
     notes = [one for one in told(text, "note") if "becomes" in one]
     assert notes == ["a: the name 'all done' becomes the topic /all_done"]
+
+
+SAFE = "but a request of unknown fate is made again: for the error, set retry = never"
+NEVER, RENAMED = {"retry": "never"}, {"errors": "{lost: abort}"}
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "expected"),
+    [
+        (NEVER | RENAMED, "lost", "catches error 'lost', which nothing in t throws; did you mean 'abort'?"),
+        ({"retry": "ask"} | RENAMED, "lost", "catches error 'lost', which nothing in t throws; did you mean 'abort'?"),
+        (NEVER | RENAMED, "abort", ""),
+        (RENAMED, "abort", f"catches error 'abort', {SAFE}"),
+        (RENAMED, "lost", f"catches error 'lost', {SAFE} and catch 'abort'"),
+        ({"errors": "{lost: abort, service: abort}"}, "abort", ""),
+        (
+            {"errors": "{rejected: abort}"},
+            "abort",
+            "catches error 'abort', which nothing in t throws; it throws service",
+        ),
+        ({"errors": "{208: abort}"}, "abort", "catches error 'abort', which nothing in t throws; it throws service"),
+    ],
+)
+def test_an_error_is_caught_by_the_code_that_the_task_gives_it(said: dict[str, str], code: str, expected: str) -> None:
+    task = row(service(service="a", type=TRIGGER, **said))
+    assert told(alone(task + caught_at("t", code))) == ([f"b: {expected}"] if expected else [])
+
+
+def test_a_request_that_a_called_process_makes_again_is_told() -> None:
+    inside = f"</process><process id='Q'>{row(service(service='a', type=TRIGGER), mark='2')}"
+    assert told(alone(row(call("c", "Q")) + caught_at("c", "lost") + inside)) == [f"b: catches error 'lost', {SAFE}"]

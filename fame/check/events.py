@@ -15,7 +15,7 @@ from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, SubProcess,
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
 from fame.middleware.messages import is_action
-from fame.robot.service_tasks import failure_codes
+from fame.robot.service_tasks import failure_codes, renamed_codes
 from fame.scripting import script_effects
 
 _PARSERS: Mapping[str, Callable[[str], object]] = {
@@ -87,13 +87,21 @@ def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode) -> Ite
     thrown = _thrown(process, activity, set()) if codes else None
     if thrown is None:
         return
-    asking = [one for one in (activity, *(activity.body.walk() if activity.body is not None else ())) if _asks(one)]
+    asking = [(home, one, renamed_codes(one)) for home, one in _inside(process, activity, set())
+              if isinstance(one, Task) and _asks(one)]  # fmt: skip
+    repeated = [each for each in asking if each[1].properties.get("retry") not in ("never", "ask")]
     for code in codes:
-        if code == "lost" and code not in thrown and asking:
-            text = "catches error 'lost', but a request of unknown fate is made again: for the error, set retry = never"
-            yield process.finding("warning", text, event, fix=_never(asking[0]) if len(asking) == 1 else None)
+        again = [(home, one, names.get("lost", "lost")) for home, one, names in repeated
+                 if code in ("lost", names.get("lost"))]  # fmt: skip
+        if code not in thrown and again:
+            home, task, name = again[0]
+            text = f"catches error {code!r}, but a request of unknown fate is made again: for the error, "
+            text += "set retry = never" if name == code else f"set retry = never and catch {name!r}"
+            fix = _never(task) if len(again) == 1 and name == code and home.file == process.file else None
+            yield process.finding("warning", text, event, fix=fix)
         elif code not in thrown and code not in _ANY:
-            similar = difflib.get_close_matches(code, sorted(thrown), 1)
+            renamed = [names[code] for _, _, names in asking if names.get(code) in thrown]
+            similar = renamed or difflib.get_close_matches(code, sorted(thrown), 1)
             known = (
                 f"did you mean {similar[0]!r}?" if similar else f"it throws {', '.join(sorted(thrown)) or 'no errors'}"
             )
@@ -124,9 +132,9 @@ def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) 
     return codes if codes is None or node.properties.get("retry") not in ("never", "ask") else {*codes, "lost"}
 
 
-def _asks(node: FlowNode) -> bool:
+def _asks(task: Task) -> bool:
     """Whether a task calls a service or action."""
-    return isinstance(node, Task) and (node.service is not None or bool(script_effects(node).asked))
+    return task.service is not None or bool(script_effects(task).asked)
 
 
 def _never(task: FlowNode) -> Fix:

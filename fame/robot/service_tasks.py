@@ -147,16 +147,20 @@ def error_codes(task: Task, file: str = "") -> Mapping[str | int, str]:
 
 def failure_codes(task: Task, but: Set[str] = frozenset()) -> set[str]:
     """Return the codes with which such a task may fail, without some outcomes, as property ``errors`` renames them."""
-    outcomes = {
-        "service",
-        *(("aborted", "canceled", "rejected") if task.service and is_action(task.service.type or "") else ()),
-    }
+    goal = task.service is not None and is_action(task.service.type or "")
+    outcomes = {"service", *(("aborted", "canceled", "rejected") if goal else ())}
     outcomes |= {"lost"} if task.properties.get("retry") in ("never", "ask") else set()
     outcomes |= {STILL_RUNNING} if "wait_cancelled" in task.properties else set()
-    renamed: Mapping[str | int, str] = {}
-    with suppress(ModelError):  # an invalid one is refused
-        renamed = error_codes(task)
-    return (outcomes - but - renamed.keys()) | {code for outcome, code in renamed.items() if outcome not in but}
+    renamed = renamed_codes(task)
+    numbers = {code for outcome, code in renamed.items() if isinstance(outcome, int) and goal}
+    return {renamed.get(outcome, outcome) for outcome in outcomes - but} | numbers
+
+
+def renamed_codes(task: Task) -> Mapping[str | int, str]:
+    """Return the property ``errors`` of a call; of an invalid one, which is refused, nothing."""
+    with suppress(ModelError):
+        return error_codes(task) if task.service is not None else {}
+    return {}
 
 
 def _renamed(error: BpmnError, codes: Mapping[str | int, str]) -> BpmnError:
