@@ -379,3 +379,50 @@ def test_a_script_whose_failure_is_caught_fails_by_hand_as_in_a_run(tmp_path: Pa
     for m in (mission.load(model), mission.by_hand(model)):
         m.expect("P").completed(within=5)
         m.expect("P").passed("Gave")
+
+
+# ---- scripts that may raise something --------------------------------------------------------------------------------
+
+READING = (
+    '<intermediateCatchEvent id="Odom"><extensionElements><camunda:properties><camunda:property name="type" '
+    'value="std_msgs/msg/Float64MultiArray"/></camunda:properties></extensionElements>'
+    '<signalEventDefinition id="Od" signalRef="X"/></intermediateCatchEvent>'
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "entered"),
+    [
+        ("y = x.data[5]", True),
+        ("y = 1 / len(x.data)", True),
+        ("await sleep(1)\ny = [][0]", True),
+        ("def f():\n    return [][0]\nf()", True),
+        ("y = open('/nowhere').read()", True),
+        ("y = 2 * len(x.data)", False),
+        ("await sleep(1)\nrobot.publish('led', 'std_msgs/msg/Bool', data=True)", False),
+        ("try:\n    y = x.data[5]\nexcept Exception:\n    y = 0", False),
+    ],
+)
+@pytest.mark.parametrize("guard", ["at it", "around it", "at a call", "around a call", "of another code"])
+def test_what_a_script_may_raise_comes_to_an_error_event(text: str, entered: bool, guard: str) -> None:
+    error = boundary("Lost") if guard == "of another code" else boundary()
+    call = guard.endswith("a call")
+    inner = CALLS if call else script(text)
+    if guard.startswith("around"):
+        inner = (
+            f'<subProcess id="Go"><startEvent id="B1"/>{inner.replace("Go", "B2", 1)}{flow("B1", "B2")}</subProcess>'
+        )
+    slow = script("await sleep(1)").replace("Go", "I2")
+    beside = called(f"{slow}{script(text).replace('Go', 'I4')}{flow('I2', 'I4')}") if call else ""
+    sensed = goes(inner, error, first=READING.replace("Odom", "Ask"), beside=beside)
+    found = judged(f'<signal id="X" name="x"/>{sensed}', f"never P starts Gave{'Lost' if 'code' in guard else ''}")
+    surely = guard == "at a call"  # of which nobody looks inside
+    assert found.verdict == ("refuted" if surely or (entered and "code" not in guard) else "proved"), found
+
+
+def test_what_a_script_may_raise_is_no_finding_where_nothing_catches_it() -> None:
+    other = f"{script('pass').replace('Go', 'Other')}{boundary(at='Other')}"
+    beside = called(script("y = x.data[5]\nsignal('done')").replace("Go", "I2"))
+    sensed = goes(CALLS, other, first=READING.replace("Odom", "Ask"), beside=beside)
+    model = read_text(document(f'{ROOT}<signal id="X" name="x"/>{sensed}'), file="m.bpmn")
+    assert not [one for one in explore(model).findings if one.kind == "error"]

@@ -470,6 +470,11 @@ def _request(node: ast.AST) -> str | None:
     return node.arg if isinstance(node, ast.keyword) else ast.unparse(node) if isinstance(node, ast.Attribute) else ""
 
 
+def catches_all(handler: ast.ExceptHandler) -> bool:
+    """Return whether an ``except`` catches whatever a script raises."""
+    return _catches(handler, _BROAD)
+
+
 def _catches(handler: ast.ExceptHandler, broad: Set[str]) -> bool:
     named = {node.id for node in ast.walk(handler.type) if isinstance(node, ast.Name)} if handler.type else broad
     return bool(named & broad)

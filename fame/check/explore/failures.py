@@ -19,6 +19,7 @@ from fame.check.explore.error_codes import (
     step_codes,
     thrown_by,
 )
+from fame.check.explore.slicing import may_fail
 from fame.check.explore.team_facts import TeamFacts
 from fame.check.explore.values import MARK
 from fame.dataclasses import dataclass, field
@@ -44,17 +45,22 @@ class Guarded:
 
 @dataclass(frozen=True, slots=True)
 class Failures:
-    """The codes of failures. `unhandled`: (element, code) of those so far that nothing catches."""
+    """The codes of failures.
+
+    unhandled  (element, code) of those so far that nothing catches
+    supposed   calls that fail with `script` only because a script inside may raise something
+    """
 
     library: Library
     facts: TeamFacts
     unhandled: set[tuple[str, str]] = field(default_factory=set)
+    supposed: set[str] = field(default_factory=set)
 
     def any_is_caught(self, node: model.Activity, guarded: Guarded) -> bool:
         """Return whether an error event of any code is at an element, or around it."""
         return "" in self.facts.catches and (guarded.inside or None in boundary_codes(node, guarded.body))
 
-    def exceptions_are_caught(self, task: model.Task, guarded: Guarded) -> bool:
+    def exceptions_are_caught(self, task: model.Activity, guarded: Guarded) -> bool:
         """Return whether an error event may catch what a script raises otherwise than with a code."""
         return self.any_is_caught(task, guarded) or ("script" in self.facts.catches and task in guarded)
 
@@ -90,15 +96,18 @@ class Failures:
         for_properties = self.facts.named if thrown is None else thrown_by(self.library, *called, self.facts.named)
         named = (for_properties or frozenset()) - codes
         inside = [node for process in processes for node in process.body.walk()]
-        at_work = _codes_at_work(inside)
+        at_work, supposed = _codes_at_work(inside), set[str]()
+        if "script" not in codes | at_work and self.exceptions_are_caught(call, guarded):
+            supposed = {"script" for node in inside if node.script is not None and may_fail(node.script)}
+            self.supposed.update(call.id for _ in supposed)
         if self.any_is_caught(call, guarded):
-            return in_order(codes or at_work) + in_order(named)
+            return in_order((codes or at_work) | supposed) + in_order(named)
         computed = thrown is None and any(map(computes_code, inside))  # then MARK: a code of which nothing is known
         every = at_work
         if "service" in at_work:
             every = step_codes(call, thrown_by(self.library, *called, None), guarded.body)
         others = every - codes or ({MARK} if computed else at_work - codes)
-        return in_order(codes) + in_order(self._unhandled(call, others, named))
+        return in_order(codes | supposed) + in_order(self._unhandled(call, others, named))
 
     def _unhandled(self, node: model.Activity, codes: Set[str], named: Set[str]) -> set[str]:
         """Note one of the codes that nothing catches, which stands for all of them, and those that properties name."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Set
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +21,7 @@ from fame.check.explore.asking import asking, functions
 from fame.check.explore.graph import reachable
 from fame.check.explore.purity import STEPS, is_computable
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
-from fame.check.explore.slicing import fails_alone, may_raise
+from fame.check.explore.slicing import fails_alone, may_fail, may_raise
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.dataclasses import dataclass, field, replace
@@ -48,6 +48,9 @@ Event = tuple[str, str, Any]
 MOST_DECISIONS = 8
 """Decisions within one step that go all ways; later ones alternate, so that a loop over an unknown condition ends."""
 
+
+SUPPOSED = "supposed"
+"""The flag of an uncaught error of which it is only not known that it cannot happen."""
 
 Stop = Callable[[], bool]
 """Returns whether the time is over."""
@@ -85,6 +88,8 @@ class Outcome:
     """Places of choices that were made before, and remembered."""
     unsure: set[str] = field(default_factory=set)
     """Elements that failed while they used something unknown."""
+    supposed: set[str] = field(default_factory=set)
+    """Elements that failed because that is not known not to happen: it counts only where an error event catches it."""
 
 
 class ExplorationHost:
@@ -134,6 +139,8 @@ class ExplorationHost:
         """Error codes that somebody names."""
         self.computed: Mapping[tuple[str, str], Collection[str]] = model.computed
         """The computed codes of throwing events, see `Abstraction`."""
+        self.supposed: set[str] = {*model.failures.supposed}
+        """What fails with `script` only because it is not known that it does not, see `Outcome.supposed`."""
         self.opaque: set[str] = set()
         """Scripts that may raise, and are not executed."""
         self.skipped: dict[str, str] = {}
@@ -334,8 +341,10 @@ class ExplorationHost:
         executed = computable and not (effects.waits or effects.catches)
         if (effects.fails or effects.computes_code) and not executed:
             self.opaque.add(element)
-        # What a module raises is not known: it counts where an error event would catch it.
-        if not executed and (effects.fails or (effects.imports and element in self.guarded)):
+        risky = element in self.guarded and may_fail(script)  # it counts where an error event would catch it
+        if risky and not effects.fails:
+            self.supposed.add(element)
+        if not executed and (effects.fails or risky):
             step = replace(step, codes=tuple(sorted({*step.codes, "script"})))
         unseen = not computable and not effects.waits and "script" not in step.codes
         if element in self.left_out or (unseen and may_raise(script)):
@@ -355,10 +364,11 @@ class ExplorationHost:
             return lambda variables: None
         if not computable:
             return lambda variables: self._abstract(step, element, variables)
-        if effects.catches:
+        if effects.catches or risky:
             reads = effects.reads
+            uncertain = self._abstract if effects.catches else partial(self._perhaps_failing, run)
             return lambda variables: (
-                self._abstract(step, element, variables)
+                uncertain(step, element, variables)
                 if any(holds_unknown(variables.get(name)) for name in reads)
                 else self._computed(run, step, element, variables)
             )
@@ -392,19 +402,37 @@ class ExplorationHost:
             self.engine.ready.pop()
         self._abstract(step, element, variables)
 
+    def _perhaps_failing(
+        self, run: Callable[..., Any], step: AbstractStep, element: str, variables: dict[str, Any]
+    ) -> None:
+        """Run a script that may raise because of a value that is not known, or let it fail."""
+        self.compute(element)
+        if self.choose(2):
+            self.end_step(step, variables, failed=True)
+            self.outcome.supposed.add(element)
+            raise BpmnError("script")
+        self._computed(run, step, element, variables)
+
     def _abstract(self, step: AbstractStep, element: str, variables: dict[str, Any]) -> None:
         """The known effects of a script that is not run."""
         self.compute(element)
         chosen = self.choose(1 + len(step.codes)) if step.codes else 0
         self.end_step(step, variables, failed=chosen > 0)
         if chosen:
+            self._raised(element, step.codes[chosen - 1])
             raise BpmnError(step.codes[chosen - 1])
+
+    def _raised(self, element: str, code: str | None) -> None:
+        """Note that a step fails in a way that is only supposed."""
+        if code == "script" and element in self.supposed:
+            self.outcome.supposed.add(element)
 
     def finish(self, wait: Wait, code: str | None) -> None:
         """Let a script, service or behaviour end, or raise an error code."""
         variables = wait.scope.variables
         self.place = wait.node.id
         self.end_step(step_under_way(wait), variables, failed=code is not None)
+        self._raised(wait.node.id, code)
         variable = wait.node.spec.variable
         if code is None and variable and self.kept(variable):
             variables[variable] = self.values.unknown
@@ -561,6 +589,8 @@ class ExplorationHost:
             self.outcome.flags.append(("error", f"{instance.error.element}\n{instance.error.text}"))
             if instance.error.element in self.outcome.unsure:
                 self.outcome.flags.append(("unsure", instance.error.element))
+            if instance.error.element in self.outcome.supposed:
+                self.outcome.flags.append((SUPPOSED, instance.error.element))
 
 
 def never() -> bool:

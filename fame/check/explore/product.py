@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from typing import TYPE_CHECKING, Literal
 
 from fame.check.explore.broadcast import Broadcast
-from fame.check.explore.host import never
+from fame.check.explore.host import SUPPOSED, never
 from fame.check.explore.local import Local, Successor
 from fame.check.explore.network import BEYOND, NetworkContents
 from fame.check.explore.stimuli import Stimulus
@@ -159,6 +159,7 @@ class Product:
         mark = self.marks.get(robot, 0)
         if stimulus[0] == "outside" and stimulus[1] in self._watched:
             ways = [way._replace(events=((stimulus[1], THROWN, None), *way.events)) for way in ways]
+        ways = [way for way in ways if all(kind != SUPPOSED for kind, _ in way.flags)]
         moves = tuple(
             Move(robot, state, way, self.network.sending(robot, way.sent), stimulus, mark if way.begins else 0)
             for way in ways

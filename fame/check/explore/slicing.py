@@ -29,6 +29,7 @@ from fame.scripting.python_effects import (
     CHANGING_METHODS,
     COMPUTING,
     READING_METHODS,
+    catches_all,
     changes_parts,
     own_syntax_tree,
     syntax_tree,
@@ -41,6 +42,16 @@ _UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, a
               ast.Await, ast.AsyncFor, ast.AsyncWith, ast.NamedExpr, ast.Delete)  # fmt: skip
 _HARMLESS = (ast.Module, ast.Assign, ast.Expr, ast.Pass, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.expr_context)
 """What raises nothing: giving a name a constant, the value of another one, or a list of these."""
+
+_SURE = (COMPUTING - {"divmod", "float", "int", "max", "min", "round"}).union(
+    ("BpmnError", "hasattr", "isinstance", "log", "receive", "signal", "sleep", "type", "until")
+)
+_SURE_METHODS = (
+    (READING_METHODS | CHANGING_METHODS)
+    .difference(("index", "pop", "popitem", "popleft", "remove"))
+    .union(("atan", "atan2", "copysign", "degrees", "dist", "fabs", "hypot", "isfinite", "isinf", "isnan", "radians"))
+)
+"""Functions and methods that raise nothing on values of the expected kind."""
 
 
 class _Statement(NamedTuple):
@@ -97,6 +108,36 @@ def _may_raise(tree: ast.AST) -> bool:
         isinstance(node, _HARMLESS) and not (isinstance(node, ast.Tuple | ast.List) and isinstance(node.ctx, ast.Store))
         for node in ast.walk(tree)
     )
+
+
+@lru_cache(maxsize=1024)
+def may_fail(script: Expression) -> bool:
+    """Return whether a script in Python may raise something on values that are of the kind that it expects.
+
+    What stands in a ``try`` with handlers of all exceptions does not.
+    """
+    tree = _tree(script)
+    nodes = list(ast.walk(tree)) if tree is not None else []
+    tries = [node for node in nodes if isinstance(node, ast.Try) and any(map(catches_all, node.handlers))]
+    caught = {id(inner) for one in tries for line in one.body for inner in ast.walk(line)}
+    return any(_may_fail(node) for node in nodes if id(node) not in caught)
+
+
+def _may_fail(node: ast.AST) -> bool:
+    match node:
+        case ast.Subscript():
+            return not isinstance(node.slice, ast.Slice)
+        case ast.BinOp() | ast.AugAssign():
+            return isinstance(node.op, ast.Div | ast.FloorDiv | ast.Mod | ast.Pow | ast.LShift | ast.RShift)
+        case ast.Tuple() | ast.List():
+            return isinstance(node.ctx, ast.Store)
+        case ast.Call(func=ast.Name(name)):
+            return name not in _SURE
+        case ast.Call(func=ast.Attribute(ast.Name("log" | "robot"))):
+            return False  # but for actions and services, whose failures `Failures` has
+        case ast.Call(func=ast.Attribute(attr=name)):
+            return name not in _SURE_METHODS
+    return isinstance(node, ast.Call | ast.Import | ast.ImportFrom)
 
 
 @lru_cache(maxsize=1024)
