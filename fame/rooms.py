@@ -128,7 +128,9 @@ SERVICES: Mapping[str, BuiltInService] = {
         ("runs_collected",),
         topics="fame.monitor.services:collect_topics",
     ),
-    "adm_learn": BuiltInService("fame.monitor.services:adm_learn", ("config",), ("classifier",), _LEARNING),
+    "adm_learn": BuiltInService(
+        "fame.monitor.services:adm_learn", ("config",), ("classifier",), _LEARNING, "fame.monitor.services:learn_topics"
+    ),
     "adm_operate": BuiltInService(
         "fame.monitor.services:adm_operate",
         ("model",),

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from check_drawing import BOOL, ROOT, call, catch, data, row, script, team
+from check_drawing import BOOL, ROOT, call, catch, data, reading, row, script, team
 
 from fame.cli import main
 
@@ -166,6 +166,92 @@ def test_what_a_pipeline_of_the_robot_publishes_is_there_and_what_it_reads_shoul
     _, lines = found(tmp_path, capsys, GOOD.replace("car", "drone"), content)
     waits = [line.partition("REX waits for /REX/")[2].partition(",")[0] for line in lines if "REX waits" in line]
     assert waits == told
+
+
+COMPUTER = GOOD.replace("car", "drone") + "computers: [DINGO]\n"
+UNIT = (
+    "Inputs: {In: {Topic: odom, Field: [pose, pose, position, x],\n  MessageType: nav_msgs/msg/Odometry}}\n"
+    "Outputs: {Out: {Topic: low, Field: [data], MessageType: std_msgs/msg/Float64}}\n"
+    "Processor: {Class: LowPass, Parameters: {cutoff: 5}}\n"
+)
+
+
+def monitored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], called: str, unit: str = UNIT, **values: str
+) -> list[str]:
+    """What is found about REX, a drone, and DINGO, a computer that runs a service with these variables."""
+    (tmp_path / "unit.yaml").write_text(unit)
+    content = data("goal", **values) + row(call("c", called, INPUT), mark="2")
+    (tmp_path / "m.bpmn").write_text(team(row(script("x = 1")), content))
+    (tmp_path / "s.yaml").write_text(COMPUTER)
+    (tmp_path / "lib").mkdir()
+    main(["check", str(tmp_path / "s.yaml")])
+    out, _ = capsys.readouterr()
+    return [line.removeprefix(f"{tmp_path}/") for line in out.splitlines() if "warning:" in line or "error:" in line]
+
+
+@pytest.mark.parametrize("called", ["ProcessingUnit", "Record"])
+@pytest.mark.parametrize(("space", "waits"), [("", "DINGO"), ("RXE", "RXE"), ("rex", "rex"), ("REX", "")])
+def test_a_monitor_on_another_computer_names_the_robot_that_it_monitors(
+    called: str, space: str, waits: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = {"configuration": "unit.yaml", "output": "o.csv"} | ({"namespace": space} if space else {})
+    told = (
+        f"s.yaml: warning: DINGO waits for /{waits}/odom, which nothing here publishes; did you mean /REX/odom? "
+        "`namespace` of a monitor names its robot"
+    )
+    assert monitored(tmp_path, capsys, called, **values) == ([told] if waits else [])
+
+
+def test_a_computer_that_catches_what_it_does_not_have_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = row(catch("a", "odom", scope="robot", type="nav_msgs/msg/Odometry"), mark="2")
+    (tmp_path / "m.bpmn").write_text(team(row(script("x = 1")), content))
+    (tmp_path / "s.yaml").write_text(COMPUTER)
+    (tmp_path / "lib").mkdir()
+    main(["check", str(tmp_path / "s.yaml")])
+    assert (
+        "DINGO waits for /DINGO/odom, which nothing here publishes; did you mean /REX/odom?" in capsys.readouterr()[0]
+    )
+
+
+def test_a_monitor_has_the_message_type_of_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    unit = UNIT.replace("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped")
+    lines = monitored(tmp_path, capsys, "ProcessingUnit", unit, configuration="unit.yaml", namespace="REX")
+    assert lines == [
+        "unit.yaml:2: error: does not start: geometry_msgs/msg/PoseWithCovarianceStamped: topic /REX/odom is in use "
+        "with nav_msgs/msg/Odometry, by /REX/planner, /REX/robot: it has one type"
+    ]
+
+
+def test_the_trigger_of_runs_is_published_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    unit = f"{UNIT}Run: {{Topic: input_3}}\n"
+    (line,) = monitored(tmp_path, capsys, "Record", unit, configuration="unit.yaml", output="o", namespace="REX")
+    assert "DINGO waits for /REX/input_3, which nothing here publishes" in line
+
+
+@pytest.mark.parametrize(
+    ("called", "values", "expected"),
+    [
+        ("adm_learn", {"config": "no.yaml"}, "warning: c: does not start: there is no file "),
+        ("Record", {"configuration": "unit.yaml", "output": "5"}, "error: c: does not start: variable output: "),
+    ],
+)
+def test_what_learning_and_recording_do_not_take_is_told(
+    called: str, values: dict[str, str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert monitored(tmp_path, capsys, called, **values)[0].startswith(f"m.bpmn:13: {expected}")
+
+
+@pytest.mark.parametrize(("given", "told"), [("fast", True), ("2.5", False)])
+def test_a_mission_parameter_is_of_the_kind_that_the_model_sets(
+    given: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = data("goal", speed="1") + row(reading("r", "goal", "x = speed"))
+    _, lines = found(tmp_path, capsys, f"{GOOD}variables: {{speed: {given}}}\n", content)
+    expected = "s.yaml: warning: variables: speed = 'fast', a text; elsewhere it is a number"
+    assert (expected in lines) == told
 
 
 @pytest.mark.parametrize(

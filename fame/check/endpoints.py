@@ -70,8 +70,8 @@ def endpoints_of(process: CheckedProcess) -> Iterator[TopicEndpoint]:
         yield from _drawn(process, node)
         yield from _scripted(process, node)
     for place in service_places(process):
-        for name, type, throws in place.topics or ():
-            yield TopicEndpoint(process, place.node, name, type, throws, place.node.line)
+        for one in place.topics or ():
+            yield TopicEndpoint(process, place.node, one.name, one.type, one.throws, place.node.line)
 
 
 def _drawn(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:

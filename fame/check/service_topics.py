@@ -75,10 +75,15 @@ def service_places(process: CheckedProcess) -> Iterator[ServicePlace]:
                 )
 
 
+def all_service_places(root: CheckedProcess) -> list[ServicePlace]:
+    """Return where services of FAME are at work in a process and in all that it calls."""
+    return [place for process in root.closure() for place in service_places(process)
+            if process is root or place.is_call]  # fmt: skip
+
+
 def served_topics(root: CheckedProcess) -> list[ServiceTopic] | None:
     """Return the topics of the services of a process and of all that it calls; None if some are not known."""
-    places = [place for process in root.closure() for place in service_places(process)
-              if process is root or place.is_call]  # fmt: skip
+    places = all_service_places(root)
     return (
         None if any(each.topics is None for each in places) else [one for each in places for one in each.topics or ()]
     )

@@ -119,11 +119,9 @@ def record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningServ
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
 
-    output = variables.get("output")
-    outputs = output if isinstance(output, list) else [variable(variables, "output", type=str)]
     node = RecordingNode(
         context.middleware, context.scheduler, load(_configuration_file(context.folder, variables)),
-        [place if "://" in str(place) else context.folder / str(place) for place in outputs],
+        [place if "://" in str(place) else context.folder / str(place) for place in _outputs(variables)],
         RecordingOptions(namespace=_namespace(context, variables), append=True, report=context.report),
     )  # fmt: skip
     return _NodeService(node)
@@ -160,15 +158,26 @@ def _topics(configuration: Configuration, variables: Mapping[str, Any]) -> Seque
     if variables.get("namespace", "") is None:
         return None
     place = variables.get("namespace")
-    ports = [(port, False) for port in configuration.inputs] + [(port, True) for port in configuration.outputs]
+    ports = [("Inputs", port, False) for port in configuration.inputs]
+    ports += [("Run", port, False) for port in configuration.recorded[len(ports) :] if not port.service]
+    ports += [("Outputs", port, True) for port in configuration.outputs]
+    file, line = str(configuration.file), configuration.source.line
     signals = [ServiceTopic(topic, STRING, True) for topic in ("/monitor_blind", "/monitor_sees")]
-    return [*(ServiceTopic(_name(port.topic, place), port.type, throws) for port, throws in ports), *signals]
+    return [
+        *(
+            ServiceTopic(_name(port.topic, place), port.type, throws, file, line(f"{section}.{port.name}.MessageType"))
+            for section, port, throws in ports
+        ),
+        *signals,
+    ]
 
 
 def record_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic] | None:
     """Return the topics of a recording node. Raises ConfigError."""
     from fame.monitor.pipeline.configuration import load
 
+    if variables.get("output") is not None:
+        _outputs(variables)
     if variables.get("configuration") is None:
         return None
     found = _topics(load(_configuration_file(folder, variables)), variables)
@@ -182,6 +191,18 @@ def train_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Service
     if variables.get("configuration") is not None:
         load(_configuration_file(folder, variables))
     return ()
+
+
+def learn_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic]:
+    """Return none. Raises ConfigError if there is no such configuration."""
+    if variables.get("config") is not None and not isfile(file := folder / variable(variables, "config", type=str)):
+        raise MissingFileError(f"there is no file {file}")
+    return ()
+
+
+def _outputs(variables: Mapping[str, Any]) -> list[Any]:
+    output = variables.get("output")
+    return output if isinstance(output, list) else [variable(variables, "output", type=str)]
 
 
 def _name(topic: str, namespace: Any) -> str:

@@ -60,11 +60,14 @@ class RunningService(Protocol):
 
 
 class ServiceTopic(NamedTuple):
-    """A topic of a service, as models write it: ``~/name`` is in the namespace of its robot."""
+    """A topic of a service, as models write it: ``~/name`` is in the namespace of its robot. `file` and `line`: where a
+    file gives its type."""
 
     name: str
     type: str
     throws: bool
+    file: str = ""
+    line: int = 0
 
 
 class MissingFileError(ConfigError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from datetime import datetime
@@ -11,18 +11,19 @@ from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fame.bpmn.library import Library
 from fame.bpmn.linked_forms import form_of, unfit_values
 from fame.bpmn.model import CallActivity, Definitions, FlowNode, Task, ids_named
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, find_scope, of_error
-from fame.check.service_topics import served_topics
+from fame.check.service_topics import all_service_places
 from fame.check.value_kinds import Sample, kind_of
 from fame.clock import Scheduler
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
+from fame.middleware.errors import type_conflict
 from fame.middleware.interface import TopicInfo, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.robot import Event, make_mission
@@ -36,9 +37,12 @@ from fame.text import suggestion
 if TYPE_CHECKING:
     from fame.middleware.network import NetworkConfig
     from fame.properties.sentence import Property
+    from fame.robot.services import ServiceTopic
     from sim2d.config import WorldConfig
 
 
+_Services: TypeAlias = "Sequence[Sequence[ServiceTopic] | None]"
+"""The topics of each service of a robot, by full name; None if they are not known."""
 _LATEST = 1e9
 """Maximum simulated time, s."""
 _MOST = 100_000
@@ -373,8 +377,14 @@ def scenario_findings(
     try:
         run = Run(Scenario.load(path, library=library, model=model), False, None, None, strict=strict)
         never = list(run.judging.never_judged()) if run.judging is not None else []
-        unmatched = [Finding("warning", text, str(path)) for text in _unmatched_topics(run)]
-        unmatched += [*_unreachable_goals(run), *_without_effect(run, str(path)), *_other_kinds(run, str(path))]
+        services = _services(run)
+        unmatched = [Finding("warning", text, str(path)) for text in _unmatched_topics(run, services)]
+        unmatched += [
+            *_other_types(run, services, str(path)),
+            *_unreachable_goals(run),
+            *_without_effect(run, str(path)),
+            *_other_kinds(run, str(path)),
+        ]
         run.close()
     except (ConfigError, ModelError) as error:
         return [of_error(error)]
@@ -406,18 +416,37 @@ def world_topics(world: WorldConfig | None, seed: int = 0) -> list[TopicInfo]:
         return list(middleware.graph())
 
 
-def _unmatched_topics(run: Run) -> Iterator[str]:
-    """Yield what robots of the world wait for although their type does not have it, and names that may be mistyped."""
+def _services(run: Run) -> list[_Services]:
+    """Return the topics of the services of each robot, in the order of `run.nodes`."""
+    scope = find_scope(run.scenario.definitions, run.scenario.library)
+    wanted = {node.mission.process.id for node in run.nodes}
+    places = {root.bpmn.id: all_service_places(root) for root in scope.processes if root.bpmn.id in wanted}
+    return [
+        [place.topics and [one._replace(name=resolve(one.name, node.namespace)) for one in place.topics]
+         for place in places[node.mission.process.id]]
+        for node in run.nodes
+    ]  # fmt: skip
+
+
+def _other_types(run: Run, services: Sequence[_Services], file: str) -> Iterator[Finding]:
+    """Find topics that a service takes or sends with another type than others have."""
+    known = {info.name: (info.types[0], {*info.publishers, *info.subscribers}) for info in run.middleware.graph()}
+    for node, its in zip(run.nodes, services, strict=True):
+        for one in (one for service in its for one in service or ()):
+            type, users = known.setdefault(one.name, (one.type, {f"a service of {node.name}"}))
+            if type != one.type:
+                text = f"does not start: {type_conflict(one.name, type, sorted(users), one.type)}"
+                yield Finding("error", text, one.file or file, one.line)
+
+
+def _unmatched_topics(run: Run, services: Sequence[_Services]) -> Iterator[str]:
+    """Yield what robots and computers wait for although nothing has it, and names that may be mistyped."""
     outside = {sent.topic for sent in run.scenario.signals}
     graph = [info for info in run.middleware.graph() if "/bpmn_" not in info.name and info.name not in outside]
     bodies: Collection[str] = run.world.robots if run.world is not None else ()
-    scope = find_scope(run.scenario.definitions, run.scenario.library)
-    roots = [next(one for one in scope.processes if one.bpmn.id == node.mission.process.id) for node in run.nodes]
-    services = [served_topics(root) for root in roots]
-    if None in services:
+    if any(None in its for its in services):
         return  # what a pipeline publishes is not known here, nor in whose namespace
-    served = [[(resolve(name, node.namespace), throws) for name, _, throws in its or ()]
-              for node, its in zip(run.nodes, services, strict=True)]  # fmt: skip
+    served = [[(one.name, one.throws) for service in its for one in service or ()] for its in services]
     published = {name for its in served for name, throws in its if throws}
     here = {info.name for info in run.middleware.graph() if info.publishers} | published | outside
     scripts = [(node.namespace, [one for _, one in node.mission.flow_nodes()]) for node in run.nodes]
@@ -427,18 +456,27 @@ def _unmatched_topics(run: Run) -> Iterator[str]:
         for way in directions
     )
     for node, its in zip(run.nodes, served, strict=True):
-        if node.name not in bodies:
+        if run.world is None:
             continue
         engine, prefix = node.node.full_name, f"/{node.namespace}/"
-        missing = [name for name, throws in its if not throws and name.startswith(prefix) and name not in here]
+        missing = [name for name, throws in its if not throws and name not in here and "/bpmn_" not in name]
         own = {info.name.removeprefix(prefix): info for info in graph
                if info.name.startswith(prefix) and info.name not in published}  # fmt: skip
         there = ", ".join(name for name, info in own.items() if info.publishers)
         waits = [info.name for info in own.values() if not info.publishers and engine in info.subscribers]
         for name in dict.fromkeys(name for name in (*waits, *missing) if not name.startswith(thrown)):
-            yield f"{node.name} waits for {name}, which nothing here publishes; there are: {there}"
+            known = _elsewhere(name, here) or (f"; there are: {there}" if there else "")
+            yield f"{node.name} waits for {name}, which nothing here publishes{known}"
         unsure = [info for info in own.values() if info.subscribers or not info.name.startswith(taken)]
-        yield from (f"{node.name} {text}" for end, text in mistyped_topics(unsure, 0.6) if end == engine)
+        if node.name in bodies:
+            yield from (f"{node.name} {text}" for end, text in mistyped_topics(unsure, 0.6) if end == engine)
+
+
+def _elsewhere(name: str, here: Iterable[str]) -> str:
+    """Name the topic of another robot that ends alike, as what was meant; empty if there is none."""
+    own = name.split("/", 2)[-1]
+    others = sorted(other for other in here if other.count("/") > 1 and other.split("/", 2)[-1] == own)
+    return f"; did you mean {others[0]}? `namespace` of a monitor names its robot" if others else ""
 
 
 def _without_effect(run: Run, file: str) -> Iterator[Finding]:
@@ -466,20 +504,23 @@ def _without_effect(run: Run, file: str) -> Iterator[Finding]:
 
 
 def _other_kinds(run: Run, file: str) -> Iterator[Finding]:
-    """Find answers to tasks without a form that are of another kind than what the model sets their variables to."""
+    """Find mission parameters, and answers to tasks without a form, that are of another kind than what the model sets
+    their variables to."""
     scope = find_scope(run.scenario.definitions, run.scenario.library)
     roots = {pool.bpmn.id: pool for pool in scope.processes}
+    given = [(robot, "variables:", values) for robot, values in run.scenario.variables.items()]
     for done in run.scenario.completions:
         node = next(one for one in run.nodes if one.name == done.robot)
         tasks = ((home, task) for home, task in node.mission.flow_nodes() if task.id == done.element)
-        if any(isinstance(task, Task) and form_of(home, task.human) for home, task in tasks):
-            continue
-        for name, value in done.values.items():
-            known = kind_of(scope, roots[node.mission.process.id], name)
-            given = Sample(roots[node.mission.process.id], node.mission.process, value).kind
-            if known and given and known != given:
-                answer = f"completes {done.element} of {done.robot} with {name} = {value!r}, {given}"
-                yield Finding("warning", f"{answer}; elsewhere it is {known}", file)
+        if not any(isinstance(task, Task) and form_of(home, task.human) for home, task in tasks):
+            given.append((done.robot, f"completes {done.element} of {done.robot} with", done.values))
+    for robot, doing, values in given:
+        root = roots[run.scenario.cast[robot].process.id]
+        for name, value in values.items():
+            known, kind = kind_of(scope, root, name), Sample(root, root.bpmn, value).kind
+            if known and kind and known != kind:
+                text = f"{doing} {name} = {value!r}, {kind}; elsewhere it is {known}"
+                yield Finding("warning", text, file)
 
 
 def _unreachable_goals(run: Run) -> Iterator[Finding]:
