@@ -1,8 +1,25 @@
 """What `fame check` says of who waits for whom: robots that wait for each other, signals too early or too many."""
 
 import pytest
-from check_drawing import START, alone, catch, choice, ends, event, flow, flows, row, script, team, throw, timer, told
+from check_drawing import (
+    START,
+    alone,
+    call,
+    catch,
+    choice,
+    ends,
+    event,
+    flow,
+    flows,
+    row,
+    script,
+    team,
+    throw,
+    timer,
+    told,
+)
 
+from fame import Simulation
 from fame.bpmn import read_text
 from fame.check import check
 
@@ -135,6 +152,99 @@ def test_a_script_that_computes_what_it_throws_may_throw_anything() -> None:
     assert len(texts("'found', {}")) == 2
     for computed in ("x", "'' + x", "'%s' % x", "'do' 'ne'"):
         assert texts(computed) == [], computed
+
+
+def called(*elements: str) -> str:
+    """The process ``Q``, after the process that calls it."""
+    return f"</process><process id='Q'>{row(*elements, mark='9')}"
+
+
+def within(*elements: str, more: str = "") -> str:
+    """A sub-process ``p``."""
+    return f'<subProcess id="p">{row(*elements, mark="p")}{more}</subProcess>'
+
+
+def boundary(task: str, interrupting: str) -> str:
+    at = f'boundaryEvent attachedToRef="{task}" cancelActivity="{interrupting}"'
+    return event(at, "b", "done").replace(f"</{at}>", "</boundaryEvent>")
+
+
+HANDLER = (
+    '<subProcess id="h" triggeredByEvent="true">' + event("startEvent", "hs", "done") + ends("he") + flows("hs he")
+    + "</subProcess>"
+)  # fmt: skip
+KEPT, TAKES = catch("d", queue="1"), script("await receive('/done')", "r")
+PASSED = {
+    "a sub-process": ("c", row(within(catch("c")), KEPT)),
+    "a called process": ("c", row(call("k", "Q"), KEPT) + called(catch("c"))),
+    "a process that a sub-process calls": ("c", row(within(call("k", "Q")), KEPT) + called(catch("c"))),
+    "a script that receives it": ("r", row(TAKES, KEPT)),
+    "a script that subscribes to it": (
+        "r", row(script("async for m in robot.subscribe('/done'): break", "r"), KEPT),
+    ),
+    "a script of a called process": ("r", row(call("k", "Q"), KEPT) + called(TAKES)),
+    "an event-based gateway": ("c", START + GATE + catch("c") + PAUSE + KEPT + ends("e") + flows("s g c d e", "g w d")),
+    "a boundary event": ("b", row(script("await sleep(9)"), KEPT) + boundary("t", "true") + flow("b", "d")),
+    "a boundary event beside it": (
+        "b", row(script("await sleep(9)"), KEPT) + boundary("t", "false") + ends("be") + flow("b", "be"),
+    ),
+    "an event sub-process": ("hs", row(within(script("await sleep(5)", "u"), more=HANDLER), KEPT)),
+    "an event sub-process of a called process": (
+        "hs", row(call("k", "Q"), KEPT) + called(script("await sleep(5)", "u")) + HANDLER,
+    ),
+    "nothing: a boundary event that leads elsewhere": (
+        "", row(script("await sleep(9)"), KEPT) + boundary("t", "true") + ends("be") + flow("b", "be"),
+    ),
+    "nothing: the latest message": ("", row(script("robot.latest('/done')", "r"), KEPT)),
+    "nothing: a queue that begins later": ("", row(catch("c"), within(KEPT))),
+    "nothing: a called queue that begins later": ("", row(catch("c"), call("k", "Q")) + called(KEPT)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("first", "content"), PASSED.values(), ids=PASSED)
+def test_one_signal_passes_a_queue_and_what_catches_it_before(first: str, content: str) -> None:
+    """The run agrees: the queue lets its token pass where something is told."""
+    texts = [text for text in told(alone(content)) if "passes both" in text]
+    name = "r" if first == "r" else f'"done" ({first})'
+    assert texts == (
+        [f"d: its queue keeps the /done that {name} catches, too: one signal passes both"] if first else []
+    )
+    simulation = Simulation(read_text(alone(content), file="bad.bpmn"), process="P")
+    simulation.run(until=1)
+    simulation.signal("done")
+    simulation.run()
+    assert bool(simulation.instances[0].visits["d"]) is (bool(first) or "latest" in content)
+
+
+TOO_LATE = "signals are not stored, and a queue there begins too late: throw it later, or until it is acknowledged"
+
+
+@pytest.mark.parametrize("queue", [{}, {"queue": "1"}])
+@pytest.mark.parametrize(
+    ("around", "before", "late"),
+    [("sub-process", [PAUSE], True), ("call", [PAUSE], True), ("sub-process", [], False), ("call", [], False),
+     ("", [PAUSE], False)],
+)  # fmt: skip
+def test_a_queue_keeps_what_comes_after_its_scope_has_begun(
+    around: str, before: list[str], late: bool, queue: dict[str, str]
+) -> None:
+    inside = [*([] if before else [PAUSE]), catch("c", **queue)]
+    scope = {"": inside, "sub-process": [within(*inside)], "call": [call("k", "Q")]}[around]
+    text = team(row(throw("a")), row(*before, *scope, mark="2") + (called(*inside) if around == "call" else ""))
+    early = 'a: throws /done as the mission begins, before "done" (c) can wait for it: '
+    assert told(text) == ([early + (TOO_LATE if late else LOST)] if late or not queue else [])
+
+
+@pytest.mark.parametrize("queue", [{}, {"queue": "1"}])
+@pytest.mark.parametrize("around", ["sub-process", "call"])
+def test_a_throw_is_lost_on_a_catch_in_the_activity_after_it(around: str, queue: dict[str, str]) -> None:
+    inside = catch("c", **queue)
+    scope = within(inside) if around == "sub-process" else call("k", "Q")
+    content = row(throw("a"), scope) + (called(inside) if around == "call" else "")
+    expected = f'c: waits for /done, which only "done" (a) throws, immediately before: {TOO_LATE}'
+    assert expected in told(team(content, row(script("x = 1", "t2"), mark="2")))
+    twice = row(throw("a"), call("k", "Q")) + row(script("x = 1", "t2"), call("l", "Q"), mark="2")
+    assert expected not in told(team(twice + called(inside), row(script("x = 1", "t3"), mark="3")))
 
 
 COMPUTED = [

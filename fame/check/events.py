@@ -87,7 +87,7 @@ def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode) -> Ite
     thrown = _thrown(process, activity, set()) if codes else None
     if thrown is None:
         return
-    asking = [(home, one, renamed_codes(one)) for home, one in _inside(process, activity, set())
+    asking = [(home, one, renamed_codes(one)) for home, one in executed(process, activity, set())
               if isinstance(one, Task) and _asks(one)]  # fmt: skip
     repeated = [each for each in asking if each[1].properties.get("retry") not in ("never", "ask")]
     for code in codes:
@@ -150,7 +150,7 @@ def check_repeated_calls(scope: CheckScope) -> Iterator[Finding]:
             handlers = [one for one in body.nodes if isinstance(one, SubProcess) and one.triggered_by_event]
             suspends = [one for one in handlers if (one.resume or original) and _interrupts(one)]
             seen = set[CheckedProcess]()
-            inside = (found for one in body.nodes if one not in handlers for found in _inside(process, one, seen))
+            inside = (found for one in body.nodes if one not in handlers for found in executed(process, one, seen))
             for home, task in inside if suspends else ():
                 called = task.service if isinstance(task, Task) and "retry" not in task.properties else None
                 if called is not None and not is_action(called.type or ""):
@@ -162,18 +162,18 @@ def _interrupts(handler: SubProcess) -> bool:
     return any(one.interrupting for one in handler.body.events("start"))
 
 
-def _inside(
+def executed(
     process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]
 ) -> Iterator[tuple[CheckedProcess, FlowNode]]:
-    """An element and all that is executed in it, with their processes."""
+    """Yield an element and all that is executed in it, with their processes."""
     yield process, node
     callee = process.called_by(node)
     if callee is not None and callee not in seen:
         seen.add(callee)
         for one in callee.bpmn.body.nodes:
-            yield from _inside(callee, one, seen)
+            yield from executed(callee, one, seen)
     for one in node.body.nodes if node.body is not None else ():
-        yield from _inside(process, one, seen)
+        yield from executed(process, one, seen)
 
 
 def _together(parts: Iterator[set[str] | None]) -> set[str] | None:

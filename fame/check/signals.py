@@ -17,6 +17,7 @@ from functools import partial
 
 from fame.bpmn.model import Body, FlowNode, SignalDefinition, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
+from fame.check.events import executed
 from fame.check.graph import FlowGraph, graph_of, passes_at_once
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix, Level
 from fame.dataclasses import dataclass, field
@@ -24,7 +25,7 @@ from fame.errors import MessageError
 from fame.iso8601 import parse_duration
 from fame.middleware.interface import SIGNAL
 from fame.middleware.qos import parse
-from fame.scripting.effects import computed_topics
+from fame.scripting.effects import computed_topics, script_effects
 
 _AWAITS = re.compile(
     r"^(?:\w+\s*=\s*)?await\s+(?:receive|robot\.call|robot\.act|sleep\s*\(\s*0*\.?0*[1-9])", re.MULTILINE
@@ -233,23 +234,27 @@ def _too_early(roots: Sequence[CheckedProcess], public: Topics, thrown: Topics, 
     """Signals that are thrown only as the mission begins, before any catching event can be reached."""
     for name, ends in thrown.items():
         throws, catches = [end for end in ends if end.throws], [end for end in ends if not end.throws]
-        kept = not catches or any(end.topic is None or end.topic.queue for end in catches)
-        if not kept and all(
-            _only_as_it_begins(roots, end) and _is_early(roots, public, end, catches) for end in throws
-        ):
+        drawn = [end for end in catches if end.topic is not None]
+        if not catches or len(drawn) < len(catches) or not all(_only_as_it_begins(roots, end) for end in throws):
+            continue
+        at_once = [progress(roots, public, partial(_may_pass_before, end.node)) for end in throws]
+        reached = any((end.process, end.node.id) in reach.reached for end in catches for reach in at_once)
+        entered = [end for end in drawn if any(_is_entered(end, reach) for reach in at_once)]
+        if not reached and not any(end.topic.queue for end in entered if end.topic is not None):
             text = f"throws {name} as the mission begins, before {catches[0].node.display_name} can wait for it"
-            text += ": signals are not stored, so give the catching event a queue"
-            yield throws[0].finding(
-                level, text, _queue(catches[0]) if catches[0].process.file == throws[0].process.file else None
-            )
+            advice = _GIVE_A_QUEUE if entered else _SAY_IT_AGAIN
+            same = entered and entered[0].process.file == throws[0].process.file
+            yield throws[0].finding(level, f"{text}: {advice}", _queue(entered[0]) if same else None)
 
 
-def _is_early(
-    roots: Sequence[CheckedProcess], public: Topics, thrown: TopicEndpoint, catches: Sequence[TopicEndpoint]
-) -> bool:
-    """Whether no catching element can be reached at once, before a token is past the throw."""
-    at_once = progress(roots, public, partial(_may_pass_before, thrown.node))
-    return not any((end.process, end.node.id) in at_once.reached for end in catches)
+_GIVE_A_QUEUE = "signals are not stored, so give the catching event a queue"
+_SAY_IT_AGAIN = "signals are not stored, and a queue there begins too late: throw it later, or until it is acknowledged"
+
+
+def _is_entered(end: TopicEndpoint, at_once: Reach) -> bool:
+    """Whether the scope of an element is entered: from then on it keeps messages, if it has a queue."""
+    body = next(body for body in end.process.bodies() if end.node in body.nodes)
+    return any((end.process, node.id) in at_once.reached for node in body.nodes)
 
 
 def _only_as_it_begins(roots: Sequence[CheckedProcess], end: TopicEndpoint) -> bool:
@@ -308,13 +313,19 @@ def _throw_before_catch(scope: CheckScope, name: str, ends: Sequence[TopicEndpoi
     throws = [end for end in ends if end.throws]
     if len(throws) != 1 or throws[0].process not in scope.processes or _has_twins(scope, throws[0].process):
         return
+    called = [callee for process in scope.processes for _, callee in process.calls]
     for graph in map(graph_of, throws[0].process.bodies()):
-        node = _next_wait(graph, throws[0].node) if throws[0].node.id in graph.nodes else None
+        here = throws[0].process if throws[0].node.id in graph.nodes else None
+        wait = _next_wait(here, graph, throws[0].node, set()) if here is not None else None
         for end in ends:
-            if end.node is node and end.process is throws[0].process and end.topic is not None and not end.topic.queue:
+            inside = end.process is not here or end.node.id not in graph.nodes  # its scope is entered after the throw
+            if wait == (end.process, end.node) and end.topic is not None and (inside or not end.topic.queue):
+                if end.process is not here and called.count(end.process) > 1:
+                    continue  # where another one calls it, it may be in time
                 only = throws[0].node.display_name
-                text = f"waits for {name}, which only {only} throws, immediately before: signals are not stored"
-                yield end.finding(level, f"{text}, so give the catching event a queue", _queue(end))
+                text = f"waits for {name}, which only {only} throws, immediately before"
+                advice = _SAY_IT_AGAIN if inside else _GIVE_A_QUEUE
+                yield end.finding(level, f"{text}: {advice}", None if inside else _queue(end))
 
 
 def _queue(end: TopicEndpoint) -> Fix:
@@ -327,14 +338,21 @@ def _has_twins(scope: CheckScope, process: CheckedProcess) -> bool:
     return process not in scope.roots or any(pool.multi_instance for pool in pools)
 
 
-def _next_wait(graph: FlowGraph, node: FlowNode) -> FlowNode | None:
-    """Return the next catching event or receive task after nodes that do not wait; or None."""
-    seen: set[str] = set()
-    while node.id not in seen and len(graph.following[node.id]) == 1:
-        seen.add(node.id)
+def _next_wait(
+    process: CheckedProcess, graph: FlowGraph, node: FlowNode, seen: set[tuple[str, str]]
+) -> tuple[CheckedProcess, FlowNode] | None:
+    """Return the next catching event or receive task after nodes that do not wait, also in an activity, and its
+    process; or None."""
+    while (process.file, node.id) not in seen and len(graph.following[node.id]) == 1:
+        seen.add((process.file, node.id))
         node = graph.nodes[graph.following[node.id][0]]
         if node.tag in ("intermediateCatchEvent", "receiveTask"):
-            return node
+            return process, node
+        inner = _inside(process, node) if len(graph.following[node.id]) < 2 else None
+        starts = inner[1].events("start") if inner is not None else []
+        found = _next_wait(inner[0], graph_of(inner[1]), starts[0], seen) if inner and len(starts) == 1 else None
+        if found is not None:
+            return found
         if not passes_at_once(node):
             return None
     return None
@@ -358,11 +376,17 @@ def _queues(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
 
 
 def _passed_twice(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding]:
-    """Catching events whose queue keeps a signal that is caught before: by an event, or inside of an activity."""
+    """Catching events whose queue keeps a signal that is caught before: by an event or a script, also inside of an
+    activity, in what it calls, or while it runs."""
     reported: set[tuple[str, str]] = set()
     for node in graph.body.nodes:
-        inside = node.body.walk() if node.body is not None else ()
-        caught = {name: one for one in (*inside, node) if one.place in ("catch", "boundary") for name in _signals(one)}
+        beside = [one for one in graph.body.nodes if one.attached_to == node.id and not one.interrupting]
+        inside = [one for _, one in executed(process, node, set())]
+        handlers = (
+            start for one in inside if one.triggered_by_event and one.body for start in one.body.events("start")
+        )
+        catchers = [one for one in (*beside, *inside) if one.place in ("catch", "boundary") or one.script is not None]
+        caught = {name: one for one in (*handlers, *catchers) for name in (*_signals(one), *script_effects(one).awaits)}
         for id in graph.reach(graph.following[node.id], {node.id}) if caught else ():
             later = graph.nodes[id]
             kept = [name for name, queue in _signals(later).items() if queue and name in caught]

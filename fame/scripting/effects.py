@@ -153,6 +153,11 @@ class Effects:
         return tuple(one.qualified for one in self.topics if one.direction == "publish")
 
     @property
+    def awaits(self) -> frozenset[str]:
+        """The topics of which it takes messages one by one (qualified names)."""
+        return NONE
+
+    @property
     def certain(self) -> frozenset[str]:
         """Those that it publishes on each time that it ends without an error."""
         return NONE

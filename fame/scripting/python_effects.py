@@ -134,6 +134,11 @@ class PythonEffects(Effects):
         return frozenset(_computed_in(list(self.nodes())))
 
     @cached_property
+    def awaits(self) -> frozenset[str]:
+        calls = (node for node in self.nodes() if isinstance(node, ast.Call) and called_name(node) in _TAKING)
+        return frozenset(topic.qualified for call in calls for topic in _topics(call))
+
+    @cached_property
     def certain(self) -> frozenset[str]:
         """By a statement outside of blocks, which nothing but an error can leave out."""
         if not self.publishes:
@@ -380,6 +385,8 @@ _CALLS: Mapping[str, Direction] = {
     "receive": "subscribe", "robot.subscribe": "subscribe", "robot.latest": "subscribe", "robot.publish": "publish",
     "robot.call": "call", "robot.act": "act", "signal": "publish",
 }  # fmt: skip
+
+_TAKING = ("receive", "robot.subscribe")
 
 
 def _topics_in(tree: ast.AST | None) -> Iterator[ScriptTopic]:
