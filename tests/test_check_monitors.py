@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from check_drawing import alone, call, data, given, row, told
 
+from fame.check import check
 from fame.clock import Scheduler
 from fame.errors import ConfigError
 from fame.middleware.local import LocalMiddleware
@@ -195,3 +196,18 @@ def test_variables_with_which_a_service_does_not_start_are_told(
 def test_the_configuration_of_a_training_is_read(tmp_path: Path) -> None:
     (found,) = checked(tmp_path, "Inputs: 3\n", "Train")
     assert found.startswith("call: does not start: unit.yaml:1: Inputs: ")
+
+
+def test_files_of_a_library_process_are_those_of_the_mission(tmp_path: Path) -> None:
+    library = tmp_path / "library"
+    library.mkdir()
+    drawn = data("it", configuration="own.yaml") + row(call("call", "ProcessingUnit", given("call", "it")))
+    (library / "Watch.bpmn").write_text(alone(drawn).replace('id="P"', 'id="Watch"'))
+    (tmp_path / "mission.bpmn").write_text(alone(row(call("watch", "Watch"))))
+    for folder, said in (
+        (library, f"does not start: there is no configuration own.yaml in {tmp_path}, "),
+        (tmp_path, f"does not start: {tmp_path / 'own.yaml'}:1: Inputs: "),
+    ):
+        (folder / "own.yaml").write_text("Inputs: 3\n")
+        (found,) = [one.text for one in check(tmp_path / "mission.bpmn") if one.element == "call"]
+        assert found.startswith(said)

@@ -3,8 +3,10 @@
 import dataclasses
 import json
 import time
+from pathlib import Path
 
 import pytest
+from check_drawing import alone, call, data, given, row
 from deployment_field import TEAM, Field, definitions, made, patrol, process
 
 import fame
@@ -202,6 +204,20 @@ def test_a_report_of_any_form_ends_no_sender(token):
     field.pass_time(5)
     assert (sent.done, sent.failed) == (True, True)
     assert "its report: it could not be handled" in sent.robots["B"].reason
+
+
+@pytest.mark.parametrize(("cutoff", "answer"), [("-5", "refused"), ("5", "started")])
+def test_a_robot_judges_a_monitor_by_the_files_that_it_has_itself(cutoff: str, answer: str, tmp_path: Path) -> None:
+    port = "{Topic: %s, Field: [data], MessageType: std_msgs/msg/Float64}"
+    ports = f"Inputs: {{In: {port % 'a'}}}\nOutputs: {{Out: {port % 'b'}}}\n"
+    (tmp_path / "unit.yaml").write_text(f"{ports}Processor: {{Class: LowPass, Parameters: {{cutoff: {cutoff}}}}}\n")
+    field = Field("A", files=tmp_path)
+    monitored = data("it", configuration="unit.yaml") + row(call("t", "ProcessingUnit", given("t", "it")))
+    field.send("A", alone(monitored))
+    field.pass_time(0.1)
+    (report,) = [said for said in field.said if said.answer]
+    assert report.answer == answer
+    assert ("does not start: " in report.reason) is (answer == "refused")
 
 
 def test_an_error_that_nobody_foresaw_is_a_refusal(monkeypatch):

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 from fame.bpmn.library import Library
@@ -42,16 +43,22 @@ from fame.scripting import compile_expression, compile_script
 
 
 def refuse_literals(
-    definitions: Definitions, processes: Iterable[Process], library: Library, *, strict: bool = False
+    definitions: Definitions,
+    processes: Iterable[Process],
+    library: Library,
+    *,
+    strict: bool = False,
+    folder: Path | None = None,
 ) -> None:
     """Refuse what compiles but always fails when a token gets there.
 
     That is: invalid times and values of properties, constants that take too long, payloads that do not fit, unknown
     types, endless recursion, services that do not start and, if `strict`, payloads that read variables that nothing
-    sets. `processes` are those to be run; those that they call are checked too.
+    sets. `processes` are those to be run; those that they call are checked too. `folder`: that of the files of
+    services, where it is not that of the model.
     Raises ModelError for the first error by file and line.
     """
-    scope = _running(definitions, processes, library, strict=strict)
+    scope = _running(definitions, processes, library, strict=strict, folder=folder)
     unset: Iterable[Finding] = ()
     if strict:
         from fame.check.variables import check_variables
@@ -79,6 +86,7 @@ def _running(
     *,
     strict: bool = False,
     remote_types: bool = False,
+    folder: Path | None = None,
 ) -> CheckScope:
     """The scope of a file in which only these processes start by themselves."""
     run = {
@@ -87,7 +95,7 @@ def _running(
     pools = tuple(pool for pool in definitions.participants if pool.process in run)
     own = tuple(process for process in definitions.processes if process.id in run)
     part = replace(definitions, processes=own, participants=pools)
-    return find_scope(part, library, strict=strict, remote_types=remote_types)
+    return find_scope(part, library, strict=strict, remote_types=remote_types, folder=folder)
 
 
 def _literals(scope: CheckScope) -> Iterator[Finding]:

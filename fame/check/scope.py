@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Literal
 
 from fame.bpmn.library import Library
@@ -90,10 +91,12 @@ def summary(findings: Iterable[Finding]) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedProcess:
-    """A process and the file that contains it. `calls`: each call activity and its process, None if that is missing."""
+    """A process and the file that contains it. `folder`: that of the files of services, of the mission that runs it.
+    `calls`: each call activity and its process, None if that is missing."""
 
     definitions: Definitions
     bpmn: Process
+    folder: Path
     calls: list[tuple[CallActivity, CheckedProcess | None]] = field(default_factory=list)
 
     @property
@@ -193,16 +196,19 @@ def find_scope(
     team: Sequence[Definitions] = (),
     strict: bool = False,
     remote_types: bool = False,
+    folder: Path | None = None,
 ) -> CheckScope:
-    """Return the scope of a file; called processes are searched for in `library`. `team`: all files of its mission."""
-    scope = _scope(definitions, library)
+    """Return the scope of a file; called processes are searched for in `library`. `team`: all files of its mission.
+    `folder`: that of the files of services, where it is not that of the file."""
+    scope = _scope(definitions, library, folder)
     scope.mission = tuple(scope if one is definitions else _scope(one, library) for one in team) or (scope,)
     scope.strict, scope.remote_types = strict, remote_types
     return scope
 
 
-def _scope(definitions: Definitions, library: Library) -> CheckScope:
-    own = [CheckedProcess(definitions, process) for process in definitions.processes]
+def _scope(definitions: Definitions, library: Library, folder: Path | None = None) -> CheckScope:
+    folder = folder or Path(definitions.file).parent
+    own = [CheckedProcess(definitions, process, folder) for process in definitions.processes]
     known = {_key(process): process for process in own}
     missing: list[ModelError] = []
     pending = list(own)
@@ -254,7 +260,7 @@ def _callee(
     except ModelError as error:
         missing.append(error)
         return None
-    callee = CheckedProcess(definitions, called)
+    callee = CheckedProcess(definitions, called, process.folder)
     return known.setdefault(_key(callee), callee)
 
 

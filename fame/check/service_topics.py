@@ -110,7 +110,7 @@ def _place(
     if not service.topics:
         return ServicePlace(node, call, ())
     try:
-        return ServicePlace(node, call, load(service.topics)(Path(process.file).parent, given))
+        return ServicePlace(node, call, load(service.topics)(process.folder, given))
     except UnavailableError:
         return ServicePlace(node, call, None)
     except FameError as error:

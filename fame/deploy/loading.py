@@ -135,7 +135,7 @@ def _read(model: str, robot: str, options: EngineOptions) -> Mission:
     definitions = read_text(model, file=f"{robot}.bpmn", sent=True)
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
-    refuse_literals(definitions, [process], library)
+    refuse_literals(definitions, [process], library, folder=options.files)
     mission = make_mission(definitions, process, library=library, services=options.services)
     if options.state is not None:
         from fame.robot.stored_values import refuse_unstorable
