@@ -189,7 +189,10 @@ REQUESTS = {
     "a picture of unknown form": (["run", "mission.bpmn", "--picture", "out.tiff"], ("out.tiff", ".png")),
     "a film of unknown form": (["run", "mission.bpmn", "--animate", "out.avi"], ("out.avi", ".gif", ".mp4")),
     "nowhere to split to": (["split", "mission.bpmn"], ("--output",)),
-    "splitting into a file": (["split", "mission.bpmn", "-o", "mission.bpmn"], ("mission.bpmn", "exists")),
+    "splitting into a file": (
+        ["split", "mission.bpmn", "-o", "mission.bpmn"],
+        ("mission.bpmn", "expected a folder, got a file"),
+    ),
     "a drawing of unknown form": (["draw", "mission.bpmn", "-o", "out.pdf"], ("out.pdf", ".svg")),
     "a layout of unknown form": (["layout", "mission.bpmn", "-o", "out.svg"], ("out.svg", ".bpmn")),
     "a library that is not there": (["run", "mission.bpmn", "--library", "gone"], ("gone", "not a folder")),

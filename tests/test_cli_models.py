@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from bpmn_text import process
+from check_drawing import call, data, given as inputs, row, script, team
 
 import fame
 from fame.cli import main
@@ -29,7 +30,29 @@ def test_split_writes_a_file_per_pool_and_names_it(tmp_path: Path, capsys) -> No
 def test_split_as_json(tmp_path: Path, capsys) -> None:
     assert main(["split", MISSION, "-o", str(tmp_path), "--json"]) == 0
     files = {name: str(tmp_path / f"{name}.bpmn") for name in ("REX", "DINGO")}
-    assert json.loads(capsys.readouterr().out) == {"status": "completed", "files": files}
+    assert json.loads(capsys.readouterr().out) == {
+        "status": "completed",
+        "files": files,
+        "needs": {"REX": [], "DINGO": []},
+    }
+
+
+def test_split_names_the_files_that_a_robot_needs_besides(tmp_path: Path, capsys) -> None:
+    """What monitors are configured by, what that names, and what services are given; not what they write."""
+    stages = "[{Class: power.py:Power}, {Class: Autoencoder, Parameters: {model: ../good.skops}}]"
+    port = "{X: {Topic: x, Field: [data], MessageType: std_msgs/msg/Float64}}"
+    (tmp_path / "conf").mkdir()
+    (tmp_path / "conf" / "unit.yaml").write_text(f"Inputs: {port}\nProcessor: {stages}\n")
+    for name in ("conf/power.py", "good.skops", "old.csv"):
+        (tmp_path / name).write_text("")
+    given = data("goal", configuration="conf/unit.yaml", output="old.csv")
+    monitor = given + row(call("c", "Record", inputs("c", "goal")), mark="2")
+    (tmp_path / "m.bpmn").write_text(team(row(script("x = 1")), monitor))
+    needed = ["conf/unit.yaml", "conf/power.py", "good.skops"]
+    assert main(["split", str(tmp_path / "m.bpmn"), "-o", str(tmp_path / "out"), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["needs"] == {"REX": [], "DINGO": needed}
+    assert err == f"DINGO needs {', '.join(needed)} too, from the folder of its engine (fame engine --files)\n"
 
 
 def test_each_part_is_self_contained_and_passes_the_check(tmp_path: Path, capsys) -> None:

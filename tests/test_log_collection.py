@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from deployment_field import Field
 
+from fame.cli import main
 from fame.cli.fleet.collection import _Source, moment
 from fame.deploy.envelope import STRING
 from fame.errors import DeploymentError
@@ -44,7 +45,7 @@ def test_what_is_not_here_is_appended_and_the_rest_stays(field: Field, tmp_path:
     assert robot.fetch(name, here, size) == 0
 
 
-@pytest.mark.parametrize("here", [b"?" + CONTENT[1:2000], CONTENT[:PART] + bytes(5000)])
+@pytest.mark.parametrize("here", [b"?" + CONTENT[1:2000], CONTENT[:PART] + bytes(5000), CONTENT[:-5] + bytes(5)])
 def test_what_does_not_end_as_the_file_of_the_robot_is_not_continued(field: Field, tmp_path: Path, here: bytes):
     path = tmp_path / "run.mcap"
     path.write_bytes(here)  # of another robot with this name, or what a loss of power has left
@@ -99,6 +100,14 @@ def test_with_keys_only_who_signs_is_answered(tmp_path: Path, field: Field, unsi
     assert source(field, read_private(secret), engine.born).files()
     with pytest.raises(DeploymentError, match="another run"):
         source(field, read_private(secret), engine.born + 1).files()
+
+
+def test_a_file_where_the_recordings_are_to_go_is_refused_before_any_robot_is_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "got").write_text("mine")
+    assert main(["log", "collect", "-o", str(tmp_path / "got")]) == 2
+    assert capsys.readouterr().err == f"fame: error: {tmp_path / 'got'}: expected a folder, got a file\n"
 
 
 def test_moments_are_dates_or_durations_ago():

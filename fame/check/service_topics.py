@@ -7,6 +7,8 @@ the variables that name them are constant there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from fame.dataclasses import dataclass
 from fame.errors import FameError, UnavailableError
 from fame.imports import require
 from fame.robot.services import MissingFileError, ServiceTopic
-from fame.rooms import SERVICES, BuiltInService, load
+from fame.rooms import CONFIGURED_FILES, SERVICES, BuiltInService, load
 
 _READ_BY = {".skops": ("sklearn", "skops"), ".onnx": ("onnxruntime",)}
 """By the ending of a learned model: the packages that read it."""
@@ -87,6 +89,19 @@ def served_topics(root: CheckedProcess) -> list[ServiceTopic] | None:
     return (
         None if any(each.topics is None for each in places) else [one for each in places for one in each.topics or ()]
     )
+
+
+def named_files(root: CheckedProcess, folder: Path) -> list[str]:
+    """Return the files in `folder`, or by their way from there, that the inputs of calls and service tasks of a process
+    name, in all that it calls too, and those that these name if they configure a monitor."""
+    values = (value for process in root.closure() for node in process.nodes()
+              if process.called_by(node) is not None or node.operation in SERVICES
+              for name, value in _variables(process, node).items() if name != "output")  # fmt: skip
+    found = dict.fromkeys(value for value in values if isinstance(value, str) and isfile(folder / value))
+    with suppress(UnavailableError):
+        for name in list(found):
+            found |= dict.fromkeys(load(CONFIGURED_FILES)(folder, name))
+    return list(found)
 
 
 def _variables(process: CheckedProcess, node: FlowNode) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command
-from fame.cli.output import print_json
+from fame.cli.output import note, print_json
 from fame.errors import ConfigError, ModelError, UnavailableError
 from fame.text import write_file
 
@@ -32,19 +32,30 @@ def add_split(commands: Commands) -> None:
 
 
 def run_split(arguments: Namespace) -> int:
-    """Write the files and name them."""
+    """Write the files and name them, and what else their robots need."""
     from fame.bpmn.library import Library
+    from fame.bpmn.pools import pools_of
     from fame.bpmn.reader import read
     from fame.bpmn.split import split
+    from fame.check.scope import find_scope
+    from fame.check.service_topics import named_files
 
-    parts = split(read(arguments.model), Library(arguments.library))
+    definitions, library = read(arguments.model), Library(arguments.library)
+    parts = split(definitions, library)
     names: dict[str, str] = {}
     for part in parts:
         other = names.setdefault(part.filename.casefold(), part.name)
         if other != part.name:
             text = f"pools {other!r} and {part.name!r} would be written to one file, {part.filename}: rename one"
             raise ConfigError(text, file=str(arguments.model))
-    return _write(arguments, {part.name: (part.filename, _with_diagram(part.source)) for part in parts})
+    processes, folder = find_scope(definitions, library).processes, Path(definitions.file).parent
+    roots = {pool.name: next(one for one in processes if one.bpmn is pool.process) for pool in pools_of(definitions)}
+    needs = {name: named_files(root, folder) for name, root in roots.items()}
+    code = _write(arguments, {part.name: (part.filename, _with_diagram(part.source)) for part in parts}, needs=needs)
+    for name, files in needs.items():
+        if files:
+            note(f"{name} needs {', '.join(files)} too, from the folder of its engine (fame engine --files)")
+    return code
 
 
 def _with_diagram(source: bytes) -> bytes:
@@ -58,14 +69,16 @@ def _with_diagram(source: bytes) -> bytes:
         return source
 
 
-def _write(arguments: Namespace, files: Mapping[str, tuple[str, bytes]]) -> int:
+def _write(arguments: Namespace, files: Mapping[str, tuple[str, bytes]], **more: object) -> int:
     """Write files (name -> file name, content) into the folder of a command, and name them."""
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise ConfigError("expected a folder, got a file", file=str(arguments.output))
     arguments.output.mkdir(parents=True, exist_ok=True)
     paths = {name: arguments.output / file for name, (file, _) in files.items()}
     for name, path in paths.items():
         write_file(path, files[name][1])
     if arguments.json:
-        print_json({"status": "completed", "files": {name: str(path) for name, path in paths.items()}})
+        print_json({"status": "completed", "files": {name: str(path) for name, path in paths.items()}, **more})
     else:
         print(*paths.values(), sep="\n")
     return 0
@@ -214,7 +227,5 @@ def run_templates(arguments: Namespace) -> int:
     from fame.check.element_templates import message_types, templates, write
     from fame.check.library import behaviours
 
-    if arguments.output.exists() and not arguments.output.is_dir():
-        raise ConfigError("expected a folder, got a file", file=str(arguments.output))
     made = templates(behaviours(arguments.library), message_types(arguments.types))
     return _write(arguments, {name: (f"{name}.json", write(made[name]).encode()) for name in made})

@@ -18,6 +18,7 @@ Modules with heavy dependencies are imported when a service is started.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from os.path import isfile
@@ -26,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from fame.config.loader import find_object
 from fame.engine.host import BpmnError
-from fame.errors import ConfigError, MissionError, UnavailableError
+from fame.errors import ConfigError, FameError, MissionError, UnavailableError
 from fame.middleware.typesystem import STRING
 from fame.robot.services import (
     CommandService,
@@ -198,6 +199,19 @@ def learn_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Service
     if variables.get("config") is not None and not isfile(file := folder / variable(variables, "config", type=str)):
         raise MissingFileError(f"there is no file {file}")
     return ()
+
+
+def configured_files(folder: Path, name: str) -> list[str]:
+    """Return the files that the processors of a configuration name, as from `folder`; none of any other file."""
+    from fame.monitor.pipeline.configuration import load
+
+    try:
+        stages = load(folder / name).stages if name.endswith((".yaml", ".yml")) else ()
+    except FameError:
+        return []
+    texts = (text for stage in stages for text in (stage.cls.partition(":")[0], *stage.parameters.values()))
+    paths = (os.path.normpath(Path(name).parent / text) for text in texts if isinstance(text, str))
+    return [path for path in paths if isfile(folder / path)]
 
 
 def _outputs(variables: Mapping[str, Any]) -> list[Any]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Commands, Parser, add_json, add_key, command, positive, private_key
 from fame.cli.network import add_network, connected, wait_until
 from fame.cli.output import note, print_json, progress_line, table
-from fame.errors import DeploymentError
+from fame.errors import ConfigError, DeploymentError
 from fame.text import printable, read_json
 
 if TYPE_CHECKING:
@@ -75,6 +75,8 @@ def collect(arguments: Namespace) -> int:
     from fame.deploy import engines
     from fame.fleet.log_server import LOG_TOPIC
 
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise ConfigError("expected a folder, got a file", file=str(arguments.output))
     key = private_key(arguments)
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
@@ -130,7 +132,9 @@ def _fetch_all(source: _Source, arguments: Namespace, remaining: int) -> tuple[d
         for name, size, _ in reversed([found for found in listed if found[2] >= arguments.since]):
             path = arguments.output / source.robot / name
             here = path.stat().st_size if path.exists() else 0
-            if here > size:
+            if path.is_dir():
+                missing.append(f"{name}: {path} is a folder: rename it")
+            elif here > size:
                 missing.append(f"{name}: {path} has {here} bytes, the robot's {size}: it is another file")
             elif size - here > remaining:
                 missing.append(f"{name}: {_megabytes(size - here)} are above --limit")
@@ -169,7 +173,7 @@ class _Source:
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "a+b") as file, progress_line(sys.stderr) as line:
             begin = file.tell()
-            offset = file.seek(max(0, begin - _OVERLAP) if begin < size else begin)
+            offset = file.seek(max(0, begin - _OVERLAP))
             here = file.read()
             while offset < size:
                 answer = self._ask(file=name, offset=offset)
