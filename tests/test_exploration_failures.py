@@ -426,3 +426,25 @@ def test_what_a_script_may_raise_is_no_finding_where_nothing_catches_it() -> Non
     sensed = goes(CALLS, other, first=READING.replace("Odom", "Ask"), beside=beside)
     model = read_text(document(f'{ROOT}<signal id="X" name="x"/>{sensed}'), file="m.bpmn")
     assert not [one for one in explore(model).findings if one.kind == "error"]
+
+
+@pytest.mark.parametrize("sentence", ["never P fails", "P completes", 'P starts "Go there" at most 1 times'])
+@pytest.mark.parametrize("call", [False, True])
+@pytest.mark.parametrize(
+    ("text", "may_fail"),
+    [
+        ("y = x.data[5]", True),
+        ("await sleep(1)\ny = [][0]", True),
+        ("z = []\nz[0] = 1", True),
+        ("y = x", False),
+    ],
+)
+def test_what_a_script_may_raise_uncaught_proves_nothing_that_it_could_change(
+    text: str, may_fail: bool, call: bool, sentence: str
+) -> None:
+    """Whether it is executed, and what it sets decides something, or not."""
+    slow = script("await sleep(1)").replace("Go", "I2")
+    beside = called(f"{slow}{script(text).replace('Go', 'I4')}{flow('I2', 'I4')}")
+    sensed = goes(CALLS if call else script(text), first=READING.replace("Odom", "Ask"), beside=beside if call else "")
+    found = judged(f'<signal id="X" name="x"/>{sensed}', sentence)
+    assert found.verdict == ("not known" if may_fail and "at most" not in sentence else "proved"), found

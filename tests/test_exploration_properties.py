@@ -69,7 +69,7 @@ def judged(robots: dict[str, Steps], sentence: str, several: tuple[str, ...] = (
         (SKIPPED, "never A fails", "not known"),
         (SKIPPED, "never A fails at A_script_6", "not known"),
         (SKIPPED, "never A fails at A_script_2", "proved"),
-        (SKIPPED, "A completes", "proved"),  # as documented
+        (SKIPPED, "A completes", "not known"),
         (SKIPPED, "never B fails", "proved"),
         (SKIPPED, "never C fails", "not known"),
         (RAISES, "B completes", "refuted"),

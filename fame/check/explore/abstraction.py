@@ -28,7 +28,7 @@ from fame.check.explore.decisive import decisive, needed_by_statements
 from fame.check.explore.element_variables import assigned_by, changed_by, filled_in, written_by, written_objects
 from fame.check.explore.error_codes import computed_codes
 from fame.check.explore.failures import Failures, Guarded, in_order
-from fame.check.explore.slicing import skipped, sliced, without_operations
+from fame.check.explore.slicing import may_fail, skipped, sliced, without_operations
 from fame.check.explore.team_facts import TeamFacts, facts_of
 from fame.check.expressions import cover_all
 from fame.dataclasses import dataclass, field, fields, replace
@@ -75,6 +75,7 @@ class Abstraction:
     steps    what each step does, by its name
     caught   scripts with an error event at their task, at a sub-process around it, or in one
     guarded  scripts whose exceptions an error event may catch
+    risky    scripts that may raise something on values of the kind that they expect
     asks     script that waits for actions and services -> the codes with which it may fail because of them
     computed (throwing event, text of its computed code) -> the named codes that it may have
     skipped  script -> a statement that is left out although it may raise
@@ -92,6 +93,7 @@ class Abstraction:
     steps: dict[str, AbstractStep] = field(default_factory=dict)
     caught: set[str] = field(default_factory=set)
     guarded: set[str] = field(default_factory=set)
+    risky: set[str] = field(default_factory=set)
     asks: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
@@ -205,6 +207,8 @@ class _Rewriter:
     def _script(self, task: model.Task, script: model.Expression, guarded: Guarded) -> model.Task:
         """A script without what decides nothing. What it raises may decide something if an error event may notice."""
         facts, needed = self.to.facts, self.to.needed
+        if may_fail(script):
+            self.to.risky.add(task.id)
         if task in guarded or effects_of(script, script=True).fails:
             self.to.caught.add(task.id)
         if self.to.failures.exceptions_are_caught(task, guarded):

@@ -78,12 +78,12 @@ def left_out_of(counts: Mapping[str, int]) -> tuple[str, ...]:
 
 
 def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Searched:
-    """Return the search with only those proofs that also hold if services and actions fail uncaught.
+    """Return the search with only those proofs that also hold if services, actions and scripts fail uncaught.
 
     Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
     """
     entered = set[str]().union(*(local.states.visited for local in team.locals))
-    may_fail = sorted({element for element, _ in team.model.failures.unhandled} & entered)
+    may_fail = sorted({element for element, _ in team.model.failures.unhandled}.union(_supposed(team)) & entered)
     if not may_fail or team.monitors is None or not any(proof.verdict in _HOLDING for proof in searched.judged):
         return searched
     again = dict[str, Judged]()
@@ -96,6 +96,11 @@ def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Sear
     return replace(searched, judged=tuple(judged), states=searched.states + left - budget.left)
 
 
+def _supposed(team: Team) -> set[str]:
+    """The scripts that fail only because it is not known that they do not."""
+    return set[str]().union(*(local.host.supposed for local in team.locals))
+
+
 def _after_failures(
     team: Team, proof: Judged, again: Judged | None, may_fail: Sequence[str], cuts: Sequence[str]
 ) -> Judged:
@@ -103,7 +108,11 @@ def _after_failures(
     if proof.verdict not in _HOLDING or (again is not None and again.verdict in _HOLDING):
         return proof
     run = again.run if again is not None else ()
-    failed = [step.element for step in run if (step.element, step.detail) in team.model.failures.unhandled]
+    supposed = _supposed(team)
+    unhandled = team.model.failures.unhandled | {(element, "script") for element in supposed}
+    steps = [(step.element, step.detail) for step in run]
+    chosen = [(element, "script") for step in run for element, way, _ in step.choices if way and element in supposed]
+    failed = [one[0] for one in (*steps, *chosen) if one in unhandled]
     names = " or ".join(team.places[element].display_name for element in dict.fromkeys(failed or may_fail))
     why = f"{names} may fail, and nothing catches it"
     if cuts and (again is None or again.verdict != "refuted"):

@@ -5,7 +5,7 @@ the engine. Then, within one budget of states and time:
 
 1. For each way of delivery, all states of the team are searched (`deliveries`). Findings are merged by their cause
    (`merging`), since one mistake shows in several searches.
-2. Proofs of properties are tried once more with services that fail where nothing catches it.
+2. Proofs of properties are tried once more with services and scripts that fail where nothing catches it.
 3. If a limit has ended a search, some parts are explored besides (`samples`): they may add errors, and prove nothing.
 
 Whatever was not searched whole makes verdicts "not known": no element is unreachable then, no signal is always lost.

@@ -60,7 +60,7 @@ class Failures:
         """Return whether an error event of any code is at an element, or around it."""
         return "" in self.facts.catches and (guarded.inside or None in boundary_codes(node, guarded.body))
 
-    def exceptions_are_caught(self, task: model.Activity, guarded: Guarded) -> bool:
+    def exceptions_are_caught(self, task: model.Task, guarded: Guarded) -> bool:
         """Return whether an error event may catch what a script raises otherwise than with a code."""
         return self.any_is_caught(task, guarded) or ("script" in self.facts.catches and task in guarded)
 
@@ -97,7 +97,7 @@ class Failures:
         named = (for_properties or frozenset()) - codes
         inside = [node for process in processes for node in process.body.walk()]
         at_work, supposed = _codes_at_work(inside), set[str]()
-        if "script" not in codes | at_work and self.exceptions_are_caught(call, guarded):
+        if "script" not in codes | at_work:
             supposed = {"script" for node in inside if node.script is not None and may_fail(node.script)}
             self.supposed.update(call.id for _ in supposed)
         if self.any_is_caught(call, guarded):

@@ -21,7 +21,7 @@ from fame.check.explore.asking import asking, functions
 from fame.check.explore.graph import reachable
 from fame.check.explore.purity import STEPS, is_computable
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
-from fame.check.explore.slicing import fails_alone, may_fail, may_raise
+from fame.check.explore.slicing import fails_alone, may_raise
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
 from fame.dataclasses import dataclass, field, replace
@@ -98,6 +98,7 @@ class ExplorationHost:
     robots    the names of the team
     ordered   timers fire in the order of their durations, where that is known
     observed  (element, what) of the events that properties name
+    judged    properties are judged: scripts may fail also where nothing catches that
     """
 
     robot: str
@@ -118,6 +119,8 @@ class ExplorationHost:
         robots: tuple[str, ...],
         ordered: bool,
         observed: Set[tuple[str, str]] = frozenset(),
+        *,
+        judged: bool = False,
     ) -> None:
         self.robot, self.values, self.robots, self.ordered, self.observed = robot, values, robots, ordered, observed
         self.types, self.fields = model.facts.types, field_names(model.facts.types)
@@ -133,6 +136,8 @@ class ExplorationHost:
         """Scripts whose failures may decide something: an error event catches them, or they are raised on purpose."""
         self.guarded: Set[str] = model.guarded
         """Scripts whose exceptions an error event catches."""
+        self.risky: Set[str] = model.risky if judged else model.risky & model.guarded
+        """Scripts that may fail if something is not known or not executed."""
         self.asks: Mapping[str, Set[str]] = model.asks
         """The codes with which scripts that wait fail, see `Abstraction`."""
         self.codes: Collection[str] = model.facts.codes
@@ -341,38 +346,37 @@ class ExplorationHost:
         executed = computable and not (effects.waits or effects.catches)
         if (effects.fails or effects.computes_code) and not executed:
             self.opaque.add(element)
-        risky = element in self.guarded and may_fail(script)  # it counts where an error event would catch it
-        if risky and not effects.fails:
+        risky = element in self.risky and not effects.fails
+        if risky:
             self.supposed.add(element)
         if not executed and (effects.fails or risky):
             step = replace(step, codes=tuple(sorted({*step.codes, "script"})))
-        unseen = not computable and not effects.waits and "script" not in step.codes
-        if element in self.left_out or (unseen and may_raise(script)):
+        told = "script" in step.codes and (element in self.guarded or not risky)
+        if element in self.left_out or (not computable and not effects.waits and not told and may_raise(script)):
             self.skipped[element] = self.left_out.get(element) or script.text.strip().partition("\n")[0]
         if effects.waits:
             running = Running(step)
             return lambda variables: running
         quiet = not step.emits and not step.codes and not any(one in script.text for one in ("signal", "BpmnError"))
-        if (
+        dropped = (
             quiet
             and element not in self.caught
             and not fails_alone(script)
             and not any(map(self.kept, step.writes if computable else (*step.writes, *step.changes)))
-        ):
+        )
+        if dropped:
             if may_raise(script):
                 self.skipped.setdefault(element, script.text.strip().partition("\n")[0])
-            return lambda variables: None
-        if not computable:
+            run = _nothing
+        elif not computable:
             return lambda variables: self._abstract(step, element, variables)
-        if effects.catches or risky:
-            reads = effects.reads
-            uncertain = self._abstract if effects.catches else partial(self._perhaps_failing, run)
-            return lambda variables: (
-                uncertain(step, element, variables)
-                if any(holds_unknown(variables.get(name)) for name in reads)
-                else self._computed(run, step, element, variables)
-            )
-        return lambda variables: self._computed(run, step, element, variables)
+        perhaps = partial(self._perhaps_failing, run)
+        uncertain = self._abstract if effects.catches else perhaps if risky else partial(self._computed, run)
+        otherwise = perhaps if risky and (dropped or element in self.left_out) else partial(self._computed, run)
+        reads = effects.reads
+        return lambda variables: (
+            uncertain if any(holds_unknown(variables.get(name)) for name in reads) else otherwise
+        )(step, element, variables)
 
     def _computed(self, run: Callable[..., Any], step: AbstractStep, element: str, variables: dict[str, Any]) -> None:
         """Run a script; one that asks too much of an unknown value counts as not computable."""
@@ -591,6 +595,10 @@ class ExplorationHost:
                 self.outcome.flags.append(("unsure", instance.error.element))
             if instance.error.element in self.outcome.supposed:
                 self.outcome.flags.append((SUPPOSED, instance.error.element))
+
+
+def _nothing(variables: dict[str, Any]) -> None:
+    """What a script does of which nothing is kept."""
 
 
 def never() -> bool:

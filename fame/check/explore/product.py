@@ -61,7 +61,7 @@ class Options:
     required  for each pool of which one robot has to start, but none does by itself: the places of its robots
     monitors  the properties that are judged
     acknowledged  topics whose signals are not lost, but may expire
-    unhandled  services and actions fail, too, where nothing catches that
+    unhandled  services, actions and scripts fail, too, where nothing catches that
     given     snapshots of the robots that do not start, but go on, by place
     progress  called with the number of states, and of those that are still to be explored (the frontier)
     """
@@ -159,7 +159,8 @@ class Product:
         mark = self.marks.get(robot, 0)
         if stimulus[0] == "outside" and stimulus[1] in self._watched:
             ways = [way._replace(events=((stimulus[1], THROWN, None), *way.events)) for way in ways]
-        ways = [way for way in ways if all(kind != SUPPOSED for kind, _ in way.flags)]
+        if not self.options.unhandled:
+            ways = [way for way in ways if all(kind != SUPPOSED for kind, _ in way.flags)]
         moves = tuple(
             Move(robot, state, way, self.network.sending(robot, way.sent), stimulus, mark if way.begins else 0)
             for way in ways

@@ -68,7 +68,7 @@ class Team:
         # A snapshot of an observed program has tokens on its flows, which the explored program then has, too.
         observed = bool(events) or any(data["observed"] for data in snapshots.values())
         self.values: Values = Values()
-        self.locals: list[Local] = self._locals(reads, events, observed)
+        self.locals: list[Local] = self._locals(reads, events, observed=observed, judged=bool(judged))
         several = {robot for robot, pool in cast.items() if pool.multi_instance}
         team = dict(zip(self.robots, self.locals, strict=True))
         self.monitors: Monitors | None = Monitors(compiled, team, several, watches) if compiled or watches else None
@@ -145,13 +145,17 @@ class Team:
             use.addresses and use.catches for use in self.model.facts.types.values()
         )
 
-    def _locals(self, reads: Mapping[str, set[str]], events: frozenset[tuple[str, str]], observed: bool) -> list[Local]:
+    def _locals(
+        self, reads: Mapping[str, set[str]], events: frozenset[tuple[str, str]], *, observed: bool, judged: bool
+    ) -> list[Local]:
         """The transitions of each robot: of those that are alike, they are computed once."""
         shared, every = dict[str, Local](), list[Local]()
         for robot, kind in self.kinds.items():
             local = shared.get(kind.name) if self.alike[kind.name] else None
             if local is None:
-                host = ExplorationHost(robot, self.model, self.values, self.robots, self.request.ordered, events)
+                host = ExplorationHost(
+                    robot, self.model, self.values, self.robots, self.request.ordered, events, judged=judged
+                )
                 variables = self.request.variables.get(robot, {})
                 local = shared[kind.name] = Local(
                     self.definitions, kind, self.model, host,
