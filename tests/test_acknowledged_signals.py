@@ -10,6 +10,7 @@ from fame.bpmn.reader import read_text
 from fame.bpmn.split import split
 from fame.bpmn.topics import topic_table
 from fame.check import check
+from fame.clock import SECOND
 from fame.deploy.envelope import Envelope
 from fame.middleware import messages
 from fame.scenario.explore.exploration import explore
@@ -438,6 +439,26 @@ def test_a_message_that_cannot_be_read_ends_nothing(text):
     before = len(kept(field, "B"))
     field.pass_time(2)
     assert len(kept(field, "B")) > before + 10
+
+
+def test_a_receiver_that_is_found_again_is_asked_at_once():
+    field, asked = Field("A", "B"), list[float]()
+    field.deploy(team(robots="B"))
+    radio = field.middleware.node("radio")
+
+    def hear(message: object) -> None:
+        asked.append(field.scheduler.now / SECOND)
+
+    topic = "/C/bpmn_signal/tick", "std_msgs/msg/String"
+    end = radio.subscription(*topic, hear)
+    field.pass_time(10)
+    assert asked[-1] - asked[-2] > 3  # it never answers, and is asked less and less
+    end.close()
+    field.pass_time(1)
+    radio.subscription(*topic, hear)
+    before = field.scheduler.now / SECOND
+    field.pass_time(1)
+    assert before < asked[-1] < before + 0.5
 
 
 @pytest.mark.processes

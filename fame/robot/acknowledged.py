@@ -89,6 +89,7 @@ class AcknowledgedSignals:
         self._boxes: dict[str, list[Mailbox]] = {}  # the queues as of the last signal: a failure closes them
         self._timer: Entry | None = None
         self._trips: dict[tuple[str, str], RoundTrip] = {}
+        self._present: dict[str, set[str]] = {}  # the robots that caught a topic as of its last tick
         self._congested: set[tuple[str, str]] = set()
         self._failed: set[tuple[str, str]] = set()  # topics and robots whose mission has failed
 
@@ -268,11 +269,14 @@ class AcknowledgedSignals:
                 self._tick(name)
 
     def _tick(self, name: str) -> None:
-        now = self._node.scheduler.now
+        now, present = self._node.scheduler.now, self._others(_signals(name, ""))
+        for robot in {*present} - self._present.get(name, {*present}):
+            self._trip(name, robot).found()
+        self._present[name] = {*present}
         waiting = frozenset(
             robot for (topic, robot), trip in self._trips.items() if topic == name and now - trip.moved < trip.patience
         )
-        self._handle(name, Tick(now, tuple(self._others(_signals(name, ""))), waiting))
+        self._handle(name, Tick(now, tuple(present), waiting))
         state = self.outgoing[name]
         behind = {(name, one.robot) for one in state.receivers if self._waits(state, one)[1] > state.ttl / _SOON}
         new = behind - self._congested

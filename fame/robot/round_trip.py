@@ -49,6 +49,11 @@ class RoundTrip:
         self.moved, self.number = now, 0
         self.patience = min(2 * self.patience, _MOST)
 
+    def found(self) -> None:
+        """The receiver is there again: it is asked at once, as one that was asked in vain at the times of a link that
+        goes down again and again would be for ever."""
+        self.patience, self.moved, self.number = self._timeout(), -_MOST, 0
+
     def _measure(self, took: int) -> None:
         if self.mean:
             self.deviation += (abs(self.mean - took) - self.deviation) / 4
