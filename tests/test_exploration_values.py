@@ -1,7 +1,7 @@
 """What an exploration makes of values that are unknown: whatever is asked of them may have each answer."""
 
 import pytest
-from bpmn_text import process
+from bpmn_text import extensions, process
 from collaborations import Steps, team, text_of
 
 import fame
@@ -297,3 +297,27 @@ def test_expressions_and_payloads_know_the_name_of_their_robot() -> None:
     steps: dict[str, Steps] = {"A": [("if", '=robot.name = "A"', ["throw go"], ["work"])], "B": ["catch go"]}
     found = explore(team(steps), delivery="run")
     assert [one.kind for one in found.findings if one.kind in ("deadlock", "lost", "error")] == []
+
+
+@pytest.mark.parametrize(
+    ("mapping", "condition"),
+    [('<camunda:out source="r" target="w"/>', "w == 6"), ('<camunda:out variables="all"/>', "r == 6"),
+     ('<zeebe:ioMapping><zeebe:output source="=r" target="w"/></zeebe:ioMapping>', "w == 6"),
+     ('<camunda:out source="r" target="w"/>', "w == [5]")],
+)  # fmt: skip
+def test_what_a_call_maps_out_is_what_the_called_process_has_set(mapping: str, condition: str) -> None:
+    """Nothing else reads it: it was dropped, and the end behind it called unreachable."""
+    value = "[]; r.append(5); n = len(r)" if "[" in condition else "6"
+    called = (
+        '<process id="Q" isExecutable="true"><startEvent id="S"/><sequenceFlow id="F" sourceRef="S" targetRef="T"/>'
+    )
+    text = process(
+        f'<callActivity id="C" calledElement="Q">{extensions(mapping)}</callActivity>'
+        '<exclusiveGateway id="G" default="N"/><task id="Y"/><task id="Z"/>'
+        '<sequenceFlow id="A" sourceRef="C" targetRef="G"/><sequenceFlow id="N" sourceRef="G" targetRef="Z"/>'
+        f'<sequenceFlow id="B" sourceRef="G" targetRef="Y"><conditionExpression>{condition}</conditionExpression>'
+        "</sequenceFlow>",
+        f'{called}<scriptTask id="T"><script>r = {value}</script></scriptTask></process>',
+    )
+    (finding,) = explore(fame.read(text.encode())).findings
+    assert (finding.kind, finding.text) == ("unreachable", "P: Z can never be entered")

@@ -258,7 +258,7 @@ class _Rewriter:
             if not call.io.all_in:  # what it is given may be a list that the caller has, too
                 given = {name for item in call.io.inputs for name in effects_of(item.source).reads}
                 changes, used = (given if names else set() for names in (changes, used))
-            results = writes if call.io.all_out else {item.target for item in call.io.outputs}
+            results = {item.target for item in call.io.outputs} | (writes if call.io.all_out else set())
             writes = set()
         return AbstractStep(in_order(writes), in_order(changes), in_order(results), in_order(used))
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence, Set
 
 from fame.bpmn import model
 from fame.check.explore.aliases import SHARED
-from fame.check.explore.element_variables import taken
+from fame.check.explore.element_variables import results_read, taken
 from fame.check.explore.slicing import Dependency, links
 from fame.check.explore.team_facts import TeamFacts
 from fame.check.expressions import ExpressionUse, expressions_in
@@ -93,6 +93,7 @@ def _add_bodies(
                 flow.needed |= use.reads
         for node in body.nodes:
             _add_topics(flow, node, body)
+            flow.needed |= {*results_read(node)}
             if isinstance(node.loop, model.MultiInstance):
                 flow.needed |= {node.loop.output_collection} - {""}
 

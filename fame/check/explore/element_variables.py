@@ -31,11 +31,18 @@ def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     """Yield the variables that an element uses besides its texts."""
     yield from node.sets()
     yield from node.io.sets() if node.io is not None else ()
+    yield from results_read(node)
     for topic, throws in node.topics():
         yield from (name for key, source in node.keys_of(topic) for name in (key, *effects_of(source).reads))
         if not throws:
             yield from taken(node, topic, body)
             yield from (name for item in topic.takes for name in effects_of(item.source).reads)
+
+
+def results_read(node: model.FlowNode) -> Iterator[str]:
+    """Yield the variables of a called process that the output mapping of its call reads."""
+    if isinstance(node, model.CallActivity) and node.io is not None:
+        yield from (name for item in node.io.outputs for name in effects_of(item.source).reads)
 
 
 def written_by(process: model.Process) -> Iterator[str]:
