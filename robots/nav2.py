@@ -46,7 +46,7 @@ class Nav2:
         self._goal: ServerGoal | None = None
         self._maneuver: Maneuver | None = None
         self._begun = self._reported = 0
-        self._result: Callable[[int], Mapping[str, Any]] = lambda code: {}
+        self._result: Callable[[bool], Mapping[str, Any]] = lambda done: {}
         self._feedback: Callable[[], Mapping[str, Any]] = lambda: {}
         self._publisher = node.publisher("cmd_vel", "geometry_msgs/msg/Twist")
         node.subscription("map", "nav_msgs/msg/OccupancyGrid", self._on_map, LATCHED)
@@ -101,12 +101,12 @@ class Nav2:
         goal: ServerGoal,
         maneuver: Maneuver,
         feedback: Callable[[], Mapping[str, Any]],
-        result: Callable[[int], Mapping[str, Any]] | None = None,
+        result: Callable[[bool], Mapping[str, Any]] | None = None,
     ) -> None:
-        """Run a maneuver for a goal; a goal that runs already is aborted."""
+        """Run a maneuver for a goal; a goal that runs already is aborted. `result` takes whether it has succeeded."""
         self._end("aborted", 0, "replaced by a new goal")
         self._goal, self._maneuver, self._feedback = goal, maneuver, feedback
-        self._result = result or (lambda code: {})
+        self._result = result or (lambda done: {})
         self._begun = self._reported = self._scheduler.now
         self._robot.recoveries, self._robot.unreached = 0, None
 
@@ -114,7 +114,10 @@ class Nav2:
         goal, self._goal, self._maneuver, self._robot.path = self._goal, None, None, ()
         if goal is not None:
             self._drive(STILL)
-            goal.end(outcome, {**self._result(code), "error_code": code, "error_msg": text or self._text(code)})
+            goal.end(
+                outcome,
+                {**self._result(outcome == "succeeded"), "error_code": code, "error_msg": text or self._text(code)},
+            )
 
     def _text(self, code: int) -> str:
         """What a person reads of an error code: where navigation failed, with the goal."""
@@ -142,7 +145,7 @@ class Nav2:
         missed: list[dict[str, Any]] = []
         at = [0]
         maneuver = self._robot.follow(goal.message, missed, at)
-        self._begin(goal, maneuver, lambda: {"current_waypoint": at[0]}, lambda code: {"missed_waypoints": missed})
+        self._begin(goal, maneuver, lambda: {"current_waypoint": at[0]}, lambda done: {"missed_waypoints": missed})
 
     def _dock(self, goal: ServerGoal) -> None:
         message = goal.message
@@ -150,27 +153,27 @@ class Nav2:
         state = [1]
         feedback = lambda: {"state": state[0], "docking_time": self._elapsed()}  # noqa: E731
         maneuver = self._robot.go_to_dock(dock, message, state)
-        self._begin(goal, maneuver, feedback, lambda code: {"success": code == 0, "num_retries": 0})
+        self._begin(goal, maneuver, feedback, lambda done: {"success": done, "num_retries": 0})
 
     def _undock(self, goal: ServerGoal) -> None:
-        self._begin(goal, self._robot.leave_dock(), dict, lambda code: {"success": code == 0})
+        self._begin(goal, self._robot.leave_dock(), dict, lambda done: {"success": done})
 
     def _spin_goal(self, goal: ServerGoal) -> None:
         turned = [0.0]
         maneuver = self._robot.spin(goal.message.target_yaw, _seconds(goal.message.time_allowance), turned)
-        elapsed = lambda code: {"total_elapsed_time": self._elapsed()}  # noqa: E731
+        elapsed = lambda done: {"total_elapsed_time": self._elapsed()}  # noqa: E731
         self._begin(goal, maneuver, lambda: {"angular_distance_traveled": turned[0]}, elapsed)
 
     def _back_up_goal(self, goal: ServerGoal) -> None:
         gone, message = [0.0], goal.message
         speed = 0.0 if message.target.y or message.target.z else abs(message.speed)  # it moves in x only
         maneuver = self._robot.back_up(abs(message.target.x), speed, _seconds(message.time_allowance), gone)
-        elapsed = lambda code: {"total_elapsed_time": self._elapsed()}  # noqa: E731
+        elapsed = lambda done: {"total_elapsed_time": self._elapsed()}  # noqa: E731
         self._begin(goal, maneuver, lambda: {"distance_traveled": gone[0]}, elapsed)
 
     def _wait_goal(self, goal: ServerGoal) -> None:
         until = self._scheduler.now + round(_seconds(goal.message.time) * SECOND)
-        elapsed = lambda code: {"total_elapsed_time": self._elapsed()}  # noqa: E731
+        elapsed = lambda done: {"total_elapsed_time": self._elapsed()}  # noqa: E731
         left = lambda: {"time_left": _duration(max(0, until - self._scheduler.now))}  # noqa: E731
         self._begin(goal, self._robot.wait(_seconds(goal.message.time)), left, elapsed)
 

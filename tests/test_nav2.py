@@ -170,6 +170,20 @@ def test_a_new_goal_replaces_the_current_one() -> None:
     assert math.dist(robot.place, (2, 3)) < 0.15
 
 
+def test_a_dock_that_is_not_reached_is_no_success() -> None:
+    robot = Robot()
+    for name, type, goal in (
+        ("dock_robot", "DockRobot", {"use_dock_id": False, "dock_pose": pose(5, 3)}),
+        ("undock_robot", "UndockRobot", {}),
+    ):
+        robot.begin(name, type, **goal)
+        first = robot.ended
+        robot.begin("wait", "Wait", time={"sec": 1})
+        robot.run(0.5)
+        ((outcome, result),) = first
+        assert (outcome, result.success, result.error_msg) == ("aborted", False, "replaced by a new goal")
+
+
 def test_it_spins_backs_up_and_waits() -> None:
     robot = Robot()
     begun = robot.ground.scheduler.now
