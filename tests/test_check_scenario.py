@@ -109,6 +109,24 @@ FORM = (
     '<userTask id="ask"><extensionElements><camunda:formData><camunda:formField id="bags" type="long"/>'
     "</camunda:formData></extensionElements></userTask>"
 )
+REQUIRED = FORM.replace(
+    'type="long"/>',
+    'type="long"><camunda:validation><camunda:constraint name="required"/></camunda:validation></camunda:formField>',
+)
+
+
+@pytest.mark.parametrize(
+    ("before", "values", "told"), [("x = 1", "{}", True), ("bags = 1", "{}", False), ("x = 1", "{bags: 2}", False)]
+)
+def test_an_answer_without_what_the_form_requires_is_a_warning(
+    before: str, values: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = f"complete: [{{at: 1, robot: REX, element: ask, values: {values}}}]\n"
+    _, lines = found(tmp_path, capsys, GOOD + answer, row(script(before), REQUIRED))
+    text = "s.yaml: warning: completes ask of REX without bags, which its form requires"
+    assert (text in lines) == told, lines
+
+
 IN_VAIN = {
     "complete: [{at: 1, robot: REX, element: ask, values: {bgs: 2}}]": (
         "the form of ask has no field 'bgs'; did you mean 'bags'?"

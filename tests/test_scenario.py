@@ -477,6 +477,14 @@ def test_what_a_field_expects_is_said(field: FormField, value: object, right: st
     assert unfit_value([replace(field, key="order.bags")], {"order": 3}) == ""
 
 
+def test_what_a_person_leaves_out_of_a_form_is_reported(tmp_path: Path) -> None:
+    required = '<camunda:validation><camunda:constraint name="required"/></camunda:validation>'
+    path = asking(tmp_path, f'<camunda:formField id="bags" type="long">{required}</camunda:formField>')
+    path.write_text(path.read_text().replace("bags: 3", "bgs: 3"))
+    reports = [str(event.detail) for event in Scenario.load(path).run().reports]
+    assert reports == ["completed by a person, without bags, which its form requires"]
+
+
 def test_nor_does_a_running_robot_take_it(tmp_path: Path) -> None:
     path = asking(tmp_path, '<camunda:formField id="bags" type="long"/>')
     path.write_text(path.read_text().partition("complete:")[0])

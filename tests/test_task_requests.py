@@ -25,6 +25,15 @@ AD_HOC = (
 )
 
 
+REQUIRED = '<camunda:validation><camunda:constraint name="required"/></camunda:validation></camunda:formField>'
+FORM = MODEL.replace("<definitions", '<definitions xmlns:camunda="http://camunda.org/schema/1.0/bpmn"').replace(
+    '<userTask id="ask"/>',
+    '<userTask id="ask"><extensionElements><camunda:formData><camunda:formField id="note" type="string"/>'
+    f'<camunda:formField id="bags" type="long">{REQUIRED}<camunda:formField id="order.to" type="string">{REQUIRED}'
+    "</camunda:formData></extensionElements></userTask>",
+)
+
+
 class Floor(Field):
     """A robot with an engine, and a person beside it."""
 
@@ -65,6 +74,22 @@ def test_a_task_is_done_with_its_results_and_the_token_goes_on():
     assert floor.engine.running.instances[-1].variables == {"approved": True, "height": 1.5}
     floor.complete("lift")
     assert floor.engine.running.instances[-1].status == "completed"
+
+
+def test_a_form_without_what_it_requires_is_told_and_the_token_goes_on():
+    floor = Floor(FORM)
+    (answer,) = floor.complete("ask", note="none")
+    assert (answer.answer, answer.reason) == ("completed", "ask; without bags, order.to, which its form requires")
+    assert floor.waiting == ["lift"]
+
+
+@pytest.mark.parametrize("known", ["given", "set"])
+def test_what_a_form_requires_may_be_a_variable_already(known: str):
+    floor, given = Floor(FORM), {"bags": 2, "order": {"to": "gate"}}
+    if known == "set":
+        floor.engine.running.set_variables(given)
+    (answer,) = floor.complete("ask", **(given if known == "given" else {}))
+    assert (answer.answer, answer.reason) == ("completed", "")
 
 
 SIGNED = MODEL.replace(

@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Any
 
 from fame.bpmn.model import Definitions, FlowNode, FormField, Human, Task
-from fame.bpmn.model.forms import unfit_value
+from fame.bpmn.model.forms import given, unfit_value
 from fame.bpmn.reader.dialects.forms import form_js
 
 
@@ -39,6 +39,13 @@ def unfit_values(nodes: Iterable[tuple[Definitions, FlowNode]], element: str, va
     """Return what is wrong with the values that a person gives to a task, by its form; empty if nothing is."""
     forms = (form_of(home, node.human) for home, node in nodes if node.id == element and isinstance(node, Task))
     return next((text for form in forms if (text := unfit_value(form, values))), "") if values else ""
+
+
+def left_out(nodes: Iterable[tuple[Definitions, FlowNode]], element: str, values: Mapping[str, Any]) -> list[str]:
+    """Return the keys of the fields that the form of a task requires and that have no value."""
+    forms = (form_of(home, node.human) for home, node in nodes if node.id == element and isinstance(node, Task))
+    return list(dict.fromkeys(field.key for form in forms for field in form
+                              if field.required and field.key and not given(values, field.key)))  # fmt: skip
 
 
 def _missing(id: str) -> tuple[FormField, ...]:

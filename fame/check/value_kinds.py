@@ -99,9 +99,14 @@ def _by_name(
 
 def kind_of(scope: CheckScope, root: CheckedProcess, name: str) -> str:
     """Return the kind of value that a variable gets wherever its robot sets it; empty if there are several, or none."""
-    types = types_of(scope)
-    kinds = {one.kind for process in root.closure() for known, one in _samples(process, types) if known == name}
+    kinds = kinds_of(scope, root, name)
     return kinds.pop() if len(kinds) == 1 else ""
+
+
+def kinds_of(scope: CheckScope, root: CheckedProcess, name: str) -> set[str]:
+    """Return the kinds of values that a robot sets a variable to, empty for an unknown one; none if nothing sets it."""
+    types = types_of(scope)
+    return {one.kind for process in root.closure() for known, one in _samples(process, types) if known == name}
 
 
 # ---- samples ---------------------------------------------------------------------------------------------------------

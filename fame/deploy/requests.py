@@ -228,11 +228,12 @@ class TaskServer:
                 case "note":
                     node.note(request.element, f"{request.to} by {who}")
                 case _:
+                    without = node.left_out(request.element, request.values)
                     goes_on = node.complete(request.element, request.values)
                     if request.who:
                         node.note(request.element, f"completed by {who}")
-                    if not goes_on:
-                        said = [*(said or [request.element]), "it goes on when what suspends it ends"]
+                    for more in (without, "" if goes_on else "it goes on when what suspends it ends"):
+                        said = [*(said or [request.element]), more] if more else said
         except FameError as error:
             return "refused", str(error)
         except Exception as error:

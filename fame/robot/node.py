@@ -15,7 +15,7 @@ from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from fame.bpmn.linked_forms import unfit_values
+from fame.bpmn.linked_forms import left_out, unfit_values
 from fame.bpmn.model import CallActivity, Process
 from fame.clock import SECOND, Kind, Scheduler
 from fame.engine import BpmnError, Engine, Instance, Program, compile_program
@@ -305,6 +305,13 @@ class RobotNode:
         goes_on = self.engine.complete_task(element, dict(values or {}))
         self.runner.poll()
         return goes_on
+
+    def left_out(self, element: str, values: Mapping[str, Any] | None = None) -> str:
+        """Return what the form of a task requires and neither `values` nor a variable gives, as text; empty if nothing
+        is."""
+        keys = left_out(self.mission.flow_nodes(), element, values or {})
+        without = [key for key in keys if self.engine.unset([key.partition(".")[0]])]
+        return f"without {', '.join(without)}, which its form requires" if without else ""
 
     def others_at(self, element: str, act: str) -> int:
         """Return how many tokens a request could mean besides the first, which it takes

@@ -405,9 +405,11 @@ class Run:
 
     def _complete(self, done: Completion) -> None:
         """Complete a task in the place of a person, and report whether a token waited there."""
-        text, place = "completed by a person", len(self.reports)  # reported before its consequences
+        node, place = next(node for node in self.nodes if node.name == done.robot), len(self.reports)
+        without = node.left_out(done.element, done.values)
+        text = f"completed by a person{', ' * bool(without)}{without}"  # reported before its consequences
         try:
-            next(node for node in self.nodes if node.name == done.robot).complete(done.element, done.values)
+            node.complete(done.element, done.values)
         except MissionError as error:
             text = f"could not be completed by a person: {error.text}"
         self.reports.insert(place, Event(self.scheduler.now, done.robot, 0, 0, done.element, "report", text))

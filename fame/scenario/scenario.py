@@ -14,12 +14,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fame.bpmn.library import Library
-from fame.bpmn.linked_forms import form_of, unfit_values
+from fame.bpmn.linked_forms import form_of, left_out, unfit_values
 from fame.bpmn.model import CallActivity, Definitions, FlowNode, Task, ids_named
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, robot_names, shared_topics
 from fame.check.scope import Finding, find_scope, of_error
 from fame.check.service_topics import all_service_places
-from fame.check.value_kinds import Sample, kind_of
+from fame.check.value_kinds import Sample, kind_of, kinds_of
 from fame.clock import Scheduler
 from fame.config.values import Source
 from fame.errors import ConfigError, FameError, MessageError, ModelError, UnavailableError, expect
@@ -384,6 +384,7 @@ def scenario_findings(
             *_unreachable_goals(run),
             *_without_effect(run, str(path)),
             *_other_kinds(run, str(path)),
+            *_left_out(run, str(path)),
         ]
         run.close()
     except (ConfigError, ModelError) as error:
@@ -500,6 +501,18 @@ def _without_effect(run: Run, file: str) -> Iterator[Finding]:
             fields = [field.key for field in form if field.key]
             for name in [name for name in done.values if fields and name not in fields]:
                 text = f"the form of {task.display_name} has no field {name!r}; {suggestion(name, fields)}"
+                yield Finding("warning", text, file)
+
+
+def _left_out(run: Run, file: str) -> Iterator[Finding]:
+    """Find completions without what the form of their task requires and nothing sets."""
+    scope = find_scope(run.scenario.definitions, run.scenario.library)
+    for done in run.scenario.completions:
+        node = next(one for one in run.nodes if one.name == done.robot)
+        root = next(one for one in scope.processes if one.bpmn.id == node.mission.process.id)
+        for key in left_out(node.mission.flow_nodes(), done.element, done.values):
+            if not kinds_of(scope, root, key.partition(".")[0]):
+                text = f"completes {done.element} of {done.robot} without {key}, which its form requires"
                 yield Finding("warning", text, file)
 
 

@@ -43,20 +43,20 @@ def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
     A field without a value is passed over, and so are patterns, which are of JavaScript, and the forms of dates.
     """
     for field in form:
-        for value in _given(values, field.key):
+        for value in given(values, field.key):
             expected = _expected(field, value) if isinstance(value, _PLAIN) else ""
             if expected:
                 return f"{field.key}: expected {expected}, got {value!r}"
     return ""
 
 
-def _given(values: Mapping[str, Any], key: str) -> list[Any]:
-    """The value of `key`, where dots lead to a part of a value, as a list of one; empty without such a value."""
+def given(values: Mapping[str, Any], key: str) -> list[Any]:
+    """Return the value of `key`, where dots lead to a part of a value, as a list of one; empty without such a value."""
     if key in values:
         return [values[key]]
     first, _, rest = key.partition(".")
     inner = values.get(first)
-    return _given(inner, rest) if rest and isinstance(inner, Mapping) else []
+    return given(inner, rest) if rest and isinstance(inner, Mapping) else []
 
 
 def _expected(field: FormField, value: Any) -> str:
