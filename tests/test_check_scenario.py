@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from check_drawing import BOOL, ROOT, call, catch, data, reading, row, script, team
+from check_drawing import BOOL, ROOT, call, catch, data, given, reading, row, script, team
 
 from fame.cli import main
 
@@ -149,6 +149,29 @@ def test_what_it_says_in_vain_is_a_warning(
 ) -> None:
     _, lines = found(tmp_path, capsys, f"{GOOD}{says}\n", row(FORM, catch("a", "done")))
     assert f"s.yaml: warning: {told}" in lines
+
+
+LINK = GOOD + "network: {links: [{topic: /REX/filtered, loss: 0.5}]}\n"
+PORT = "{%s: {Topic: %s, Field: [range], MessageType: sensor_msgs/msg/Range}}"
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (row(script("x = 1")), True),
+        (row(script("robot.publish('filt' + 'ered', 'sensor_msgs/msg/Range')")), False),
+        (row(script("robot.latest(f'f{1}')")), False),
+        (data("goal", configuration="unit.yaml") + row(call("c", "ProcessingUnit", given("c", "goal"))), False),
+        (data("goal", configuration="${file}") + row(call("c", "ProcessingUnit", given("c", "goal"))), False),
+    ],
+)
+def test_a_link_of_a_topic_that_something_may_use_is_used(
+    content: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ports = f"Inputs: {PORT % ('In', 'range')}\nOutputs: {PORT % ('Out', 'filtered')}\n"
+    (tmp_path / "unit.yaml").write_text(f"{ports}Processor: {{Class: LowPass, Parameters: {{cutoff: 5}}}}\n")
+    _, lines = found(tmp_path, capsys, LINK.replace("car", "drone"), content)
+    assert any("network: no robot uses the topic /REX/filtered" in line for line in lines) is told, lines
 
 
 def test_what_it_publishes_is_published(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from bpmn_text import process
+from check_drawing import call, data, given, script
 
 from fame.bpmn import read, read_text
 from fame.bpmn.library import Library
@@ -96,6 +97,29 @@ def test_a_graph_that_has_everything_has_no_findings() -> None:
 )
 def test_what_is_missing_is_named(missing: str, text: str) -> None:
     assert Graph(missing).findings() == [text]
+
+
+@pytest.mark.parametrize(
+    ("content", "missing"),
+    [
+        (script("robot.publish('ran' + 'ge', 'sensor_msgs/msg/Range')", "u"), False),
+        (script("robot.publish('rn' + 'ge', 'sensor_msgs/msg/Range')", "u"), True),
+        (call("u", "ProcessingUnit", given("u", "unit")), False),
+    ],
+)
+def test_what_the_mission_itself_may_publish_is_not_missing(
+    content: str, missing: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    port = "{Topic: range, Field: [range], MessageType: sensor_msgs/msg/Range}"
+    Path("unit.yaml").write_text(
+        f"Outputs: {{value: {port}}}\nProcessor: {{Class: Machine, Parameters: {{source: 'tcp://h:1'}}}}\n"
+    )
+    text = process(SCAN + content + data("unit", configuration="unit.yaml"), root='<signal id="R" name="range"/>')
+    ends = contract_of(read_text(text.replace("<process ", '<process name="REX" ', 1), file="m.bpmn"), Library())
+    graph = Graph("range")
+    found = [one.text for one in compare(ends, graph.middleware, graph.scheduler, 0.1)]
+    assert found == (["no node publishes /REX/range (sensor_msgs/msg/Range)"] if missing else [])
 
 
 def test_incompatible_qos_is_an_error() -> None:

@@ -17,14 +17,16 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool, pools_of, shared_topics
 from fame.bpmn.topics import EMPTY_TYPE, topics_of_processes
-from fame.check.scope import Finding
+from fame.check.scope import CheckedProcess, Finding, find_scope
+from fame.check.service_topics import served_topics
 from fame.clock import SECOND, Scheduler
-from fame.dataclasses import dataclass
+from fame.dataclasses import dataclass, replace
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import SIGNAL, Client, Middleware, Node, QoS, resolve
 from fame.scripting import script_effects
+from fame.scripting.effects import Direction, computed_topics
 
 Relation = Literal["publishes", "subscribes to", "calls the service", "calls the action"]
 _DOES: Mapping[str, Relation] = {
@@ -40,6 +42,7 @@ class ContractEndpoint:
 
     `name` is absolute (``/weed_found``) or relative to the robot (``~/odom``). `type` is empty if only a script uses
     it and does not give it. `qos` is None for services and actions. `multi_instance`: the pool has numbered robots.
+    `own`: the other end may be the mission's own, of a script that computes the name or of a service of FAME.
     """
 
     robot: str
@@ -49,6 +52,7 @@ class ContractEndpoint:
     qos: QoS | None = None
     multi_instance: bool = False
     file: str = ""
+    own: bool = False
 
     @property
     def full_name(self) -> str:
@@ -75,14 +79,24 @@ def qos_text(profile: QoS) -> str:
 
 def contract_of(definitions: Definitions, library: Library) -> list[ContractEndpoint]:
     """Return the endpoints of all pools, by pool, direction and name. Raises ModelError."""
-    pools = pools_of(definitions)
+    pools, scope = pools_of(definitions), find_scope(definitions, library)
     shared = {name: use.declared for name, use in shared_topics(definitions, pools, library).items() if use.declared}
     endpoints: dict[ContractEndpoint, None] = {}
     for pool in pools:
         closure = library.closure(definitions, pool.process)
-        endpoints.update(dict.fromkeys(_of_pool(pool, closure, shared, definitions.file)))
+        root = next(one for one in scope.processes if one.bpmn is pool.process)
+        found = _of_pool(pool, closure, shared, definitions.file)
+        endpoints.update(dict.fromkeys(replace(one, own=_may_be_own(one, root)) for one in found))
     order = {pool.name: number for number, pool in enumerate(pools)}
     return sorted(endpoints, key=lambda one: (order[one.robot], one.direction, one.name))
+
+
+def _may_be_own(endpoint: ContractEndpoint, root: CheckedProcess) -> bool:
+    other: Direction = "subscribe" if endpoint.direction == "publishes" else "publish"
+    nodes = (node for process in root.closure() for node in process.nodes())
+    served = served_topics(root)  # None: it is not known which
+    of_services = served is None or any(one.name == endpoint.name for one in served)
+    return endpoint.qos is not None and (of_services or endpoint.name.startswith(computed_topics(nodes, other)))
 
 
 def _of_pool(
@@ -190,8 +204,8 @@ class _Probe:
             return Finding(
                 "error", f"{self.name} is {', '.join(others)} in the graph; expected {endpoint.type}", endpoint.file
             )
-        if endpoint.name.startswith("/"):
-            return None  # between the robots of the mission
+        if endpoint.name.startswith("/") or endpoint.own:
+            return None  # between the robots of the mission, or in one
         ends = () if info is None else info.publishers if endpoint.direction == "subscribes to" else info.subscribers
         if any(end.rpartition("/")[2] != NODE for end in ends):
             return None

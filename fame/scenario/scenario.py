@@ -382,7 +382,7 @@ def scenario_findings(
         unmatched += [
             *_other_types(run, services, str(path)),
             *_unreachable_goals(run),
-            *_without_effect(run, str(path)),
+            *_without_effect(run, services, str(path)),
             *_other_kinds(run, str(path)),
             *_left_out(run, str(path)),
         ]
@@ -450,12 +450,7 @@ def _unmatched_topics(run: Run, services: Sequence[_Services]) -> Iterator[str]:
     served = [[(one.name, one.throws) for service in its for one in service or ()] for its in services]
     published = {name for its in served for name, throws in its if throws}
     here = {info.name for info in run.middleware.graph() if info.publishers} | published | outside
-    scripts = [(node.namespace, [one for _, one in node.mission.flow_nodes()]) for node in run.nodes]
-    directions: tuple[Direction, Direction] = ("publish", "subscribe")
-    thrown, taken = (
-        tuple(begins and resolve(begins, space) for space, nodes in scripts for begins in computed_topics(nodes, way))
-        for way in directions
-    )
+    thrown, taken = _computed(run, "publish"), _computed(run, "subscribe")
     for node, its in zip(run.nodes, served, strict=True):
         if run.world is None:
             continue
@@ -473,6 +468,13 @@ def _unmatched_topics(run: Run, services: Sequence[_Services]) -> Iterator[str]:
             yield from (f"{node.name} {text}" for end, text in mistyped_topics(unsure, 0.6) if end == engine)
 
 
+def _computed(run: Run, direction: Direction) -> tuple[str, ...]:
+    """How the full names begin of topics that scripts compute; empty: any."""
+    scripts = [(node.namespace, [one for _, one in node.mission.flow_nodes()]) for node in run.nodes]
+    found = ((begins, space) for space, nodes in scripts for begins in computed_topics(nodes, direction))
+    return tuple(begins and resolve(begins, space) for begins, space in found)
+
+
 def _elsewhere(name: str, here: Iterable[str]) -> str:
     """Name the topic of another robot that ends alike, as what was meant; empty if there is none."""
     own = name.split("/", 2)[-1]
@@ -480,7 +482,7 @@ def _elsewhere(name: str, here: Iterable[str]) -> str:
     return f"; did you mean {others[0]}? `namespace` of a monitor names its robot" if others else ""
 
 
-def _without_effect(run: Run, file: str) -> Iterator[Finding]:
+def _without_effect(run: Run, services: Sequence[_Services], file: str) -> Iterator[Finding]:
     """Find what has no effect: after the end of the run, on topics that no robot uses, in fields that a form lacks."""
     scenario, network = run.scenario, run.scenario.network
     says = [(f"{one.element} of {one.robot} is completed", one.time) for one in scenario.completions]
@@ -488,9 +490,12 @@ def _without_effect(run: Run, file: str) -> Iterator[Finding]:
         if time > (scenario.duration or math.inf):
             text = f"{what} at {time:g} s, which is after the end of the run ({scenario.duration:g} s)"
             yield Finding("warning", text, file)
-    topics = sorted(info.name for info in run.middleware.graph() if "/bpmn_" not in info.name)
+    topics = sorted({info.name for info in run.middleware.graph() if "/bpmn_" not in info.name}
+                    | {one.name for its in services for service in its for one in service or ()})  # fmt: skip
+    unknown = any(None in its for its in services)
+    computed = ("",) if unknown else (*_computed(run, "publish"), *_computed(run, "subscribe"))
     for link in network.links if network is not None else ():
-        if link.topic and link.topic not in topics:
+        if link.topic and link.topic not in topics and not link.topic.startswith(computed):
             text = f"network: no robot uses the topic {link.topic}; {suggestion(link.topic, topics)}"
             yield Finding("warning", text, file)
     for done in scenario.completions:
