@@ -13,7 +13,7 @@ from fame.check import Finding, check
 ROOT = Path(__file__).parent.parent
 MODELS = sorted((ROOT / "models").rglob("*.bpmn"))
 SIGNALS = "".join(f'<signal id="S_{name}" name="{name}"/>' for name in ("done", "found", "log", "odom"))
-ERROR = '<error id="E" name="lost" errorCode="lost"/>' + "".join(
+ERROR = '<error id="E" name="lost" errorCode="lost"/><error id="E_named" name="spilt"/>' + "".join(
     f'<error id="E_{code}" name="{code}" errorCode="{code}"/>' for code in ("abort", "lost", "script", "unreachabel")
 )
 

@@ -141,6 +141,11 @@ ERRORS = {
         "t: the payload does not fit: std_srvs/srv/SetBool_Request: on: there is no such field; "
         "those of std_srvs/srv/SetBool_Request are data",
     ),
+    "a constant number of instances below 0": (
+        row('<userTask id="t"><multiInstanceLoopCharacteristics><loopCardinality>-1</loopCardinality>'
+            '</multiInstanceLoopCharacteristics></userTask>'),
+        "t: expected a whole number from 0 on as cardinality, got -1",
+    ),
     "an invalid duration": (
         row(timer("intermediateCatchEvent", "timeDuration", "2s")),
         "w: timer duration: '2s' is not an ISO 8601 duration such as PT1.5S, PT10M or P1DT12H",

@@ -227,6 +227,10 @@ WARNINGS = {
         row(script("x_goal, y_goal = 1, 1"), call("GoTo", "GoTo")) + caught_at("GoTo", "unreachabel"),
         "b: catches error 'unreachabel', which nothing in GoTo throws; did you mean 'unreachable'?",
     ),
+    "an error with a name and no code where it is caught": (
+        row(script("raise BpmnError('spilt')")) + caught_at("t", "named"),
+        "b: catches every error: 'spilt' is only the name of its error, which has no code",
+    ),
     "an error that another activity throws": (
         row(script("raise BpmnError('spilt')")) + caught_at("t", "lost"),
         "b: catches error 'lost', which nothing in t throws; it throws spilt",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 from collections.abc import Iterator, Mapping, Sequence, Set
 
@@ -17,9 +18,10 @@ from fame.bpmn.extension_properties import (
     THROWS,
     TIMERS,
 )
-from fame.bpmn.model import Element, FlowNode, TimerDefinition
+from fame.bpmn.model import Element, Expression, FlowNode, MultiInstance, TimerDefinition
 from fame.check.expressions import constant, expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
+from fame.engine.loops import whole_number
 from fame.robot.mission import MISSED, RETRIES
 
 _VALUES: Mapping[str, Sequence[str]] = {"retry": RETRIES, "missed": MISSED}
@@ -37,6 +39,22 @@ def check_literals(scope: CheckScope) -> Iterator[Finding]:
             endless = constant(text.expression)[1]
             if endless:
                 yield process.finding("error", f"cannot be computed: {endless}", text.element, text.expression.line)
+        for node in process.nodes():
+            if isinstance(node.loop, MultiInstance) and node.loop.cardinality is not None:
+                yield from _cardinality(process, node, node.loop.cardinality)
+
+
+def _cardinality(process: CheckedProcess, node: FlowNode, expression: Expression) -> Iterator[Finding]:
+    """A constant number of instances that the engine refuses whenever a token comes."""
+    try:
+        number = ast.literal_eval(expression.text)
+    except (ValueError, SyntaxError, RecursionError, MemoryError):
+        number = constant(expression)[0]
+    if number is not None:
+        try:
+            whole_number(number)
+        except ValueError as error:
+            yield process.finding("error", str(error), node, expression.line)
 
 
 def _values(process: CheckedProcess, element: Element, known: Set[str]) -> Iterator[Finding]:

@@ -40,11 +40,13 @@ def fail(
         catcher = _matching(failing.boundary.errors, code) if failing.boundary is not None else None
         if catcher is not None:
             _set_variables(catcher, place, code, text)
+            _report_caught(engine, node, catcher, error)
             handlers.take_boundary(engine, place, catcher, catcher.spec, inner)
             break
         handler = _matching(place.body.errors, code) if place.body is not None else None
         if handler is not None:
             _set_variables(handler, place, code, text)
+            _report_caught(engine, node, handler, error)
             handlers.open_handler(engine, handler, *scopes.replace(engine, place, (*place.handles, handler.part_of)))
             break
         inner, failing, place = _outside(place)
@@ -202,6 +204,14 @@ def _set_variables(catcher: Node, scope: Scope, code: str, text: str) -> None:
         scope.variables[wanted.code_variable] = code
     if wanted.message_variable:
         scope.variables[wanted.message_variable] = text
+
+
+def _report_caught(engine: EngineState, node: Node, catcher: Node, error: BaseException) -> None:
+    """Report a mistake of a script that is caught as any error, unless a variable receives its code or text."""
+    catch: FaultCatch = catcher.spec
+    if not (isinstance(error, BpmnError) or catch.code or catch.code_variable or catch.message_variable):
+        text = f"caught by {catcher.id}, which catches every error: {_describe(error, 'script')}"
+        engine.host.report(node.id, text)
 
 
 def _describe(error: BaseException, code: str) -> str:

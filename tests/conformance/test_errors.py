@@ -45,6 +45,17 @@ def test_a_boundary_event_without_code_catches_all(play: Play) -> None:
     assert play(caught_by("")).run().log == "s (a a!E b on_ =completed"
 
 
+@pytest.mark.parametrize(
+    "inside", [boundary("b", "a", error("")), handler("h", start("hs", error("")))], ids=["boundary", "handler"]
+)
+def test_a_mistake_of_a_script_that_is_caught_as_any_error_is_reported(play: Play, inside: str) -> None:
+    run = play(start() + script("a", "x = 1 / 0") + end() + path("s a e") + inside).run()
+    assert run.instance.status == "completed"
+    (caught,) = run.reports
+    assert caught.endswith(", which catches every error: ZeroDivisionError: division by zero")
+    assert not play(caught_by("")).run().reports  # a code that was thrown is none
+
+
 def test_an_exact_code_beats_catch_all_at_one_level(play: Play) -> None:
     assert play(caught_by("", "E")).run().log == "s (a a!E bE on_E =completed"
 

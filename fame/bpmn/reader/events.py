@@ -322,8 +322,8 @@ def _conditional(source: TopicSource, element: Node) -> ConditionalDefinition:
     return ConditionalDefinition(condition=condition, line=line_of(element))
 
 
-def _code(source: TopicSource, element: Node, kind: str) -> str | None:
-    """The code of an error or escalation; by default, that of a throw event is its name."""
+def _code(source: TopicSource, element: Node, kind: str, received: bool) -> str | None:
+    """The code of an error or escalation, by default the name of a thrown one; `received`: a variable has it."""
     reference = element.get(f"{kind}Ref")
     referred = source.node.context.root(reference)
     if reference and referred is None:
@@ -331,8 +331,14 @@ def _code(source: TopicSource, element: Node, kind: str) -> str | None:
     if referred is not None and local_name(referred) != kind:
         source.node.fault(f"{kind}Ref {reference!r} is a {local_name(referred)}: expected an {kind}")
     code = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
-    if code or source.place not in THROWS:
+    if source.place not in THROWS:
+        name = referred.get("name", "").strip() if referred is not None else ""
+        if name and not code and not received:
+            text = f"catches every {kind}: {name!r} is only the name of its {kind}, which has no code"
+            source.node.context.note(element, text, "warning")
         return code or None
+    if code:
+        return code
     if referred is not None:
         return referred.get("name", "").strip() or referred.get("id")
     return source.node.label or None
@@ -362,7 +368,7 @@ def _error_text(source: TopicSource, element: Node) -> Expression | None:
 def _error(source: TopicSource, element: Node) -> ErrorDefinition:
     extensions = read_extensions(source.node.context, element)
     return ErrorDefinition(
-        code=_code(source, element, "error"),
+        code=_code(source, element, "error", extensions.code_variable is not None),
         computed=_computed_code(source, element, "error"),
         message=_error_text(source, element),
         code_variable=extensions.code_variable,
@@ -372,10 +378,11 @@ def _error(source: TopicSource, element: Node) -> ErrorDefinition:
 
 
 def _escalation(source: TopicSource, element: Node) -> EscalationDefinition:
+    code_variable = read_extensions(source.node.context, element).code_variable
     return EscalationDefinition(
-        code=_code(source, element, "escalation"),
+        code=_code(source, element, "escalation", code_variable is not None),
         computed=_computed_code(source, element, "escalation"),
-        code_variable=read_extensions(source.node.context, element).code_variable,
+        code_variable=code_variable,
         line=line_of(element),
     )
 

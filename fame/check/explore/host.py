@@ -580,9 +580,9 @@ class ExplorationHost:
         self.outcome.begun.append(instance)
 
     def report(self, element: str, text: str) -> None:
-        if "trigger dropped" in text:
+        if text.startswith("trigger dropped"):
             self.outcome.flags.append(("dropped", element))
-        elif "escalation" in text:
+        elif text.startswith("escalation"):
             self.outcome.flags.append(("escalation", element))
         elif text.startswith("condition failed"):
             self.outcome.flags.append(("condition", f"{element}\n{text}"))
