@@ -1,6 +1,7 @@
 """What `fame check` says of who waits for whom: robots that wait for each other, signals too early or too many."""
 
 import pytest
+from bpmn_text import properties
 from check_drawing import (
     START,
     alone,
@@ -174,6 +175,8 @@ HANDLER = (
     + "</subProcess>"
 )  # fmt: skip
 KEPT, TAKES = catch("d", queue="1"), script("await receive('/done')", "r")
+RECEIVES = '<receiveTask id="r" messageRef="M"/>'
+MESSAGES = '<intermediateCatchEvent id="{}">{}<messageEventDefinition messageRef="M"/></intermediateCatchEvent>'
 PASSED = {
     "a sub-process": ("c", row(within(catch("c")), KEPT)),
     "a called process": ("c", row(call("k", "Q"), KEPT) + called(catch("c"))),
@@ -192,6 +195,16 @@ PASSED = {
     "an event sub-process of a called process": (
         "hs", row(call("k", "Q"), KEPT) + called(script("await sleep(5)", "u")) + HANDLER,
     ),
+    "a receive task, which takes messages": ("r", row(RECEIVES, KEPT)),
+    "an event that takes messages": ("m", row(MESSAGES.format("m", ""), KEPT)),
+    "nothing: messages, each for one": ("", row(RECEIVES, MESSAGES.format("d", properties(queue="1")))),
+    "nothing: a gateway that starts the process": (
+        "", GATE.replace("/>", ' instantiate="true"/>') + catch("c") + catch("c2", "found") + KEPT + ends("e")
+        + flows("g c d e", "g c2 d"),
+    ),
+    "nothing: a receive task that starts the process": (
+        "", RECEIVES.replace("/>", ' instantiate="true"/>') + KEPT + ends("e") + flows("r d e"),
+    ),
     "nothing: a boundary event that leads elsewhere": (
         "", row(script("await sleep(9)"), KEPT) + boundary("t", "true") + ends("be") + flow("b", "be"),
     ),
@@ -204,12 +217,13 @@ PASSED = {
 @pytest.mark.parametrize(("first", "content"), PASSED.values(), ids=PASSED)
 def test_one_signal_passes_a_queue_and_what_catches_it_before(first: str, content: str) -> None:
     """The run agrees: the queue lets its token pass where something is told."""
-    texts = [text for text in told(alone(content)) if "passes both" in text]
-    name = "r" if first == "r" else f'"done" ({first})'
+    model = alone(content).replace("</definitions>", '<message id="M" name="done"/></definitions>')
+    texts = [text for text in told(model) if "passes both" in text]
+    name = first if first in ("r", "m") else f'"done" ({first})'
     assert texts == (
         [f"d: its queue keeps the /done that {name} catches, too: one signal passes both"] if first else []
     )
-    simulation = Simulation(read_text(alone(content), file="bad.bpmn"), process="P")
+    simulation = Simulation(read_text(model, file="bad.bpmn"), process="P")
     simulation.run(until=1)
     simulation.signal("done")
     simulation.run()

@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
-from fame.bpmn.model import Body, FlowNode, SignalDefinition, TimerDefinition
+from fame.bpmn.model import Body, FlowNode, MessageDefinition, TimerDefinition
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
 from fame.check.events import executed
 from fame.check.graph import FlowGraph, graph_of, passes_at_once
@@ -379,23 +379,32 @@ def _passed_twice(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding
     """Catching events whose queue keeps a signal that is caught before: by an event or a script, also inside of an
     activity, in what it calls, or while it runs."""
     reported: set[tuple[str, str]] = set()
-    for node in graph.body.nodes:
+    starting = {id for node in graph.starts() for id in (node.id, *graph.following[node.id]) if node.instantiate}
+    for node in (one for one in graph.body.nodes if one.id not in starting):  # an instance keeps not what starts it
         beside = [one for one in graph.body.nodes if one.attached_to == node.id and not one.interrupting]
         inside = [one for _, one in executed(process, node, set())]
         handlers = (
             start for one in inside if one.triggered_by_event and one.body for start in one.body.events("start")
         )
-        catchers = [one for one in (*beside, *inside) if one.place in ("catch", "boundary") or one.script is not None]
-        caught = {name: one for one in (*handlers, *catchers) for name in (*_signals(one), *script_effects(one).awaits)}
+        catchers = [one for one in (*beside, *inside) if one.place in ("catch", "boundary", "") and not one.body]
+        caught = {name: one for one in (*handlers, *catchers) for name in (*_kept(one), *script_effects(one).awaits)}
         for id in graph.reach(graph.following[node.id], {node.id}) if caught else ():
             later = graph.nodes[id]
-            kept = [name for name, queue in _signals(later).items() if queue and name in caught]
-            if kept and later.place == "catch" and (id, node.id) not in reported:  # in a loop each is before the other
+            kept = [name for name, queue in _kept(later).items() if queue and name in caught
+                    and not (_takes_messages(later) and _takes_messages(caught[name]))]  # fmt: skip
+            if (
+                kept and later.place in ("catch", "") and (id, node.id) not in reported
+            ):  # in a loop each before the other
                 reported.add((node.id, id))
                 text = f"keeps the {kept[0]} that {caught[kept[0]].display_name} catches, too: one signal passes both"
                 yield process.finding("warning", f"its queue {text}", later)
 
 
-def _signals(node: FlowNode) -> dict[str, int]:
-    """The signals of an event, each with its queue."""
-    return {one.topic.qualified: one.topic.queue for one in node.defined(SignalDefinition)}
+def _kept(node: FlowNode) -> dict[str, int]:
+    """The topics that an element catches, each with its queue."""
+    return {topic.qualified: topic.queue for topic, throws in node.topics() if not throws}
+
+
+def _takes_messages(node: FlowNode) -> bool:
+    """Whether an element catches messages: each is for one of them."""
+    return node.tag == "receiveTask" or bool(node.defined(MessageDefinition))
