@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import pytest
 from collaborations import text_of
+from mcap.records import Channel, Schema
 from recorded_runs import record
 
 from fame.bpmn import read
@@ -24,12 +25,16 @@ from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.log import logging_to
 from fame.log.elements import element_info
+from fame.log.judge import judge_log
+from fame.log.merging import merge
 from fame.log.reading import rows_of
 from fame.log.recording import Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.xes_reading import read_foreign_xes
 from fame.mining.xes import xes
 from fame.properties.files import read_properties
+from fame.properties.grammar import parse
+from fame.properties.sentence import NOWHERE
 from fame.robot.events import Event, combine_observers
 from fame.scenario import Scenario
 
@@ -548,6 +553,73 @@ def test_two_runs_of_one_time_are_not_merged(tmp_path: Path, capsys: pytest.Capt
     assert main(["log", "merge", *runs, "-o", str(tmp_path / "run.mcap")]) == 2
     assert "is another run at the same time as" in capsys.readouterr().err
     assert not (tmp_path / "run.mcap").exists()
+
+
+def recorded(path: Path, metadata: dict[str, str], messages: list[tuple[int, str, str, bytes]]) -> str:
+    """A recording with messages: time (ns), topic, type, definition of the type; each of 8 bytes."""
+    with path.open("wb") as stream:
+        file = RecordingFile(stream)
+        file.describe({"epoch": "2026-06-01T10:00:00Z", **metadata})
+        for time, topic, type, definition in messages:
+            channel = Channel(0, topic, "cdr", {"node": "/A/sensor"}, 0)
+            file.write(file.same_channel(channel, Schema(0, definition, "ros2msg", type)), time, bytes(8))
+        file.finish()
+    return str(path)
+
+
+def test_merged_messages_keep_the_definition_of_their_type(tmp_path: Path) -> None:
+    one = recorded(tmp_path / "1.mcap", {}, [(1, "/x", "own_msgs/msg/Load", b"float32 kg\n")])
+    merge([one, one], tmp_path / "run.mcap")  # which nobody has registered
+    with Recording(tmp_path / "run.mcap") as merged:
+        assert merged.definitions == {"own_msgs/msg/Load": "float32 kg\n"}
+        assert [message.topic for message in merged.messages()] == ["/x"]
+
+
+@pytest.mark.parametrize(
+    ("type", "definition", "other"),
+    [
+        ("own_msgs/msg/Force", b"float32 kg\n", "own_msgs/msg/Load"),
+        ("own_msgs/msg/Load", b"float32 t\n", "one with other fields"),
+    ],
+)
+def test_a_topic_of_two_types_is_not_merged(type: str, definition: bytes, other: str, tmp_path: Path) -> None:
+    one = recorded(tmp_path / "1.mcap", {}, [(1, "/x", "own_msgs/msg/Load", b"float32 kg\n")])
+    two = recorded(tmp_path / "2.mcap", {"epoch": "2026-06-01T11:00:00Z"}, [(1, "/x", type, definition)])
+    with pytest.raises(ConfigError, match=re.escape(f"2.mcap: /x is {type}, and in {one} {other}")):
+        merge([one, two], tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize(
+    ("ends", "merged"),
+    [(("complete", "complete"), "complete"), (("cut", "complete"), "cut"), (("complete", ""), None), (("", ""), None)],
+)
+def test_what_was_merged_says_how_its_runs_ended(ends: tuple[str, ...], merged: str | None, tmp_path: Path) -> None:
+    runs = [recorded(tmp_path / f"{end}{number}.mcap", {"ended": end, "end": f"{number}0"} if end else {}, [])
+            for number, end in enumerate(ends)]  # fmt: skip
+    merge(runs, tmp_path / "run.mcap")
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert recording.metadata.get("ended") == merged
+
+
+@pytest.mark.parametrize("metadata", [{"clocks": "measured"}, {"robot": "A"}, {}])
+def test_clocks_that_nobody_measured_are_doubted_after_a_merge_too(metadata: dict[str, str], tmp_path: Path) -> None:
+    """Those of a recorder on the network, and of an engine with its own log; a run in one process has one clock."""
+    (tmp_path / "m.bpmn").write_text(text_of({"A": ["throw x"], "B": ["catch x", "work"]}))
+    assert main(["run", str(tmp_path / "m.bpmn"), "--quiet", "--log", str(tmp_path / "1.mcap")]) == 0
+    about = recorded(tmp_path / "2.mcap", {"epoch": "1970-01-01T00:00:00Z", **metadata}, [])
+    merge([tmp_path / "1.mcap", about], tmp_path / "run.mcap")
+    promise = parse("after A throws /x, B completes within 5 s", NOWHERE, "p")
+    (judgement,) = judge_log(tmp_path / "run.mcap", [promise])
+    assert judgement.verdict == ("not known" if metadata else "holds")
+
+
+def test_what_was_merged_of_an_incomplete_recording_is_incomplete(run: Path, tmp_path: Path) -> None:
+    whole = (run / "run.mcap").read_bytes()
+    (tmp_path / "torn.mcap").write_bytes(whole[:-200])
+    assert merge([tmp_path / "torn.mcap"], tmp_path / "merged.mcap")
+    with Recording(tmp_path / "merged.mcap") as recording:
+        assert recording.warnings == [f"{recording.file}: was merged of incomplete recordings (torn.mcap)"]
+        assert recording.lack.startswith("incomplete after")
 
 
 def test_a_recording_is_not_merged_into_itself(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,10 +14,11 @@ from fame.clock import date_text
 from fame.errors import ConfigError
 from fame.iso8601 import nanoseconds_between, parse_datetime
 from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
-from fame.log.recording import ModelRun, RecordedMessage, Recording
+from fame.log.recording import ModelRun, RecordedMessage, RecordedTopic, Recording
 from fame.log.recording_file import RecordingFile
 from fame.log.team_state import KeyWriter, TeamState, shift_times
 from fame.log.writing import RECORDING, replaced
+from fame.robot.events import ENDED
 from fame.text import writable
 
 OnProgress = Callable[[float], object]
@@ -43,6 +44,7 @@ def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProg
                 "epoch": date_text(merging.epoch),
                 "merged": ", ".join(Path(one.file).name for one in recordings),
                 **({"seeds": json.dumps(seeds)} if (seeds := _seeds(recordings)) else {}),
+                **merging.proof(),
             }
         )
         for name, data in merging.attachments.items():
@@ -79,6 +81,7 @@ class _Merging:
         self._shifts = [nanoseconds_between(self.epoch, each) for each in epochs]
         self._spans = [self._spans_of(one, shift) for one, shift in zip(recordings, self._shifts, strict=True)]
         self._expect_runs_apart()
+        self._expect_one_type()
         self._channels: dict[tuple[str, str], int] = {}
         self.attachments: dict[str, bytes] = {}
         self._names = [self._attach(one) for one in recordings]
@@ -96,6 +99,33 @@ class _Merging:
                 if subject in others and others[subject][0] <= last and first <= others[subject][1]:
                     text = f"is another run at the same time as {one.file}: both have {subject}; give each its --epoch"
                     raise ConfigError(text, file=str(other.file))
+
+    def _expect_one_type(self) -> None:
+        """Refuse recordings with a topic of two types: whoever reads one expects one."""
+        known: dict[str, tuple[RecordedTopic, Recording]] = {}
+        for recording in self._recordings:
+            for name, topic in recording.topics.items():
+                other, before = known.setdefault(name, (topic, recording))
+                types = [
+                    (each.type, one.definitions.get(each.type)) for each, one in ((topic, recording), (other, before))
+                ]
+                if topic.encoding == "cdr" and types[0] != types[1]:
+                    kind = other.type if other.type != topic.type else "one with other fields"
+                    raise ConfigError(f"{name} is {topic.type}, and in {before.file} {kind}", file=recording.file)
+
+    def proof(self) -> dict[str, str]:
+        """Return what a judge has to know of the recordings (`fame.log.judge`): how their runs ended, whether clocks
+        may be apart, as those of engines with logs of their own, and which are incomplete."""
+        known, ends = dict[str, str](), [one.metadata.get(ENDED) for one in self._recordings]
+        if "cut" in ends or None not in ends:
+            known[ENDED] = "cut" if "cut" in ends else "complete"
+        own = len({robot for one in self._recordings for robot in one.robots}) > 1
+        if any("clocks" in one.metadata or (own and "robot" in one.metadata) for one in self._recordings):
+            known["clocks"] = "measured"
+        if torn := [Path(one.file).name for one in self._recordings if one.warnings]:
+            known["incomplete"] = ", ".join(torn)
+        ended = (one.end + shift for one, shift in zip(self._recordings, self._shifts, strict=True))
+        return {**known, "end": str(max(ended))}
 
     def _attach(self, recording: Recording) -> dict[str, str]:
         """Take the files of a recording. Returns their new names."""
@@ -145,7 +175,7 @@ class _Merging:
                 elif message.topic.startswith("/fame/"):
                     file.put(message.topic, time, message.json())
                 else:
-                    self._write(file, time, message)
+                    self._write(file, time, number, message)
                 writer.last = time
 
     def _source(self, number: int) -> Iterator[tuple[int, int, RecordedMessage]]:
@@ -181,14 +211,11 @@ class _Merging:
                     self._note_run(robot, ModelRun(time - 1, state.robots[robot].process, models))
             writer.key(time, {robot: lost.get(robot, 0) for robot in fresh})
 
-    def _write(self, file: RecordingFile, time: int, message: RecordedMessage) -> None:
-        channel = self._channels.get((message.topic, message.node))
-        if channel is None:
-            type = next(one.topics[message.topic].type for one in self._recordings if message.topic in one.topics)
-            channel = self._channels[message.topic, message.node] = file.message_channel(
-                message.topic, type, message.node
-            )
-        file.write(channel, time, message.data)
+    def _write(self, file: RecordingFile, time: int, number: int, message: RecordedMessage) -> None:
+        place = message.topic, message.node
+        if place not in self._channels:
+            self._channels[place] = file.same_channel(*self._recordings[number].channel(*place))
+        file.write(self._channels[place], time, message.data)
 
 
 def _is_run(recording: Recording) -> bool:

@@ -76,6 +76,7 @@ class Recording(Closing):
     metadata     format, seed, versions, command, epoch
     models       name -> XML of the models and called processes; `attachments` has all files
     topics       what was recorded, by name
+    definitions  of the types of messages, by type
     robots       names of the robots
     start, end   ns of the first and the last message
     warnings     problems of the file, such as a missing end
@@ -84,10 +85,11 @@ class Recording(Closing):
     metadata: Mapping[str, str]
     attachments: Mapping[str, bytes]
     topics: Mapping[str, RecordedTopic]
+    definitions: Mapping[str, str]
     robots: Sequence[str]
     start: int
     end: int
-    warnings: Sequence[str]
+    warnings: list[str]
 
     def __init__(self, path: str | Path) -> None:
         """Raises ConfigError for a file that cannot be read, is not a recording of FAME, or has a newer format."""
@@ -106,6 +108,8 @@ class Recording(Closing):
 
     def _open(self) -> None:
         self.warnings = self._read_index().warnings
+        if torn := self.metadata.get("incomplete"):
+            self.warnings.append(f"{self.file}: was merged of incomplete recordings ({torn})")
         self._check_format()
         if self.metadata.get("format") == "1":
             from fame.log.format_1 import renew
@@ -133,7 +137,7 @@ class Recording(Closing):
             for channel in sorted(index.channels.values(), key=attrgetter("topic"))
         }
         self._types: set[str] = set()
-        self._definitions = {
+        self.definitions = {
             schema.name: schema.data.decode() for schema in index.schemas.values() if schema.encoding == "ros2msg"
         }
         self.start = min((chunk.start for chunk in self._chunks), default=0)
@@ -259,7 +263,7 @@ class Recording(Closing):
 
         if type not in self._types:
             self._types.add(type)
-            _register(type, self._definitions[type])
+            _register(type, self.definitions[type])
         return codec.typestore(type)
 
     def events(
