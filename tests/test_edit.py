@@ -282,6 +282,19 @@ def test_a_model_without_a_diagram_is_laid_out_and_gets_it_with_the_first_change
     assert len(read_text(model.read_text(), file="m").shapes) == 2
 
 
+def test_a_model_without_a_diagram_has_one_when_somebody_else_has_changed_it(model: Path, tmp_path: Path) -> None:
+    model.write_text(process(FLOWS + TASK))
+    with ModelEdit(model, tmp_path) as source:
+        begun = source.mission()["text"]
+        command = {"do": "compare", "base": opened_file(source), "text": begun}
+        model.write_text(process(FLOWS + TASK).replace("a = 1", "a = 7"))
+        for new in (begun, begun.replace("Count", "Number")):
+            found = source.control({**command, "new": new})
+            assert [len(read_text(found[each], file="m").shapes) for each in ("text", "merged")] == [2, 2]
+            assert not any("moved" in line for line in found["lines"])
+            assert ("Number" in found["merged"], "a = 7" in found["merged"]) == ("Number" in new, True)
+
+
 def test_what_is_missing_among_what_is_drawn_is_laid_out(model: Path, tmp_path: Path) -> None:
     model.write_text(re.sub('<bpmndi:BPMNShape id="d2".*Shape>', "", OLD))
     with ModelEdit(model, tmp_path) as source:
@@ -693,6 +706,24 @@ def test_of_two_windows_on_a_file_none_overwrites_the_other(chromium: Browser, l
         until(one, "edit.drawn.includes('Begin')")
     assert 'name="Number"' in model.read_text()
     assert 'name="Begin"' in model.read_text()
+
+
+def test_what_is_drawn_of_a_model_without_a_diagram_is_kept_when_the_file_changes(
+    chromium: Browser, library: Path, model: Path
+) -> None:
+    model.write_text(process(FLOWS + TASK))
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        page.evaluate(
+            "edit.modeler.get('modeling').updateLabel(edit.modeler.get('elementRegistry').get('t'), 'Number')"
+        )
+        until(page, "edit.dirty")
+        model.write_text(process(FLOWS + TASK).replace("a = 1", "a = 7"))
+        page.locator("#both").click()
+        until(page, "document.querySelector('#outside').hidden && edit.dirty")
+        page.keyboard.press("Control+s")
+        until(page, "document.querySelector('#state').textContent === 'saved'")
+    assert 'name="Number"' in model.read_text()
+    assert "a = 7" in model.read_text()
 
 
 def test_what_may_go_wrong_is_found_in_the_background_and_plays_on_the_diagram(

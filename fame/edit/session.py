@@ -275,16 +275,17 @@ class ModelEdit(ModelWatch):
             except OSError as error:
                 raise FameError(f"{self.model}: cannot be written: {error.strerror}") from None
         self._last, base = new, self._kept(command["new"], _hash(new))
-        return {"base": base, "hash": _hash(new), "text": decoded(new, str(self.model))[0]}
+        return {"base": base, "hash": _hash(new), "text": decoded(self._shown(new), str(self.model))[0]}
 
     def _compared(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
-        """What has changed in the file, its text, and that with what the page has drawn."""
-        shown, file = command.get("text"), str(self.model)
-        if not isinstance(shown, str):
+        """What has changed in the file, its text, and that with what the page has drawn; both with a diagram."""
+        before, name, now = command.get("text"), self.model.name, self._shown(old)
+        if not isinstance(before, str):
             raise FameError("expected the text that the page was given")
-        found = compare(read_text(shown, file=self.model.name), read_bytes(old, file=self.model.name))
+        found = compare(read_text(before, file=name), read_bytes(now, file=name))
         said = [] if found.same else list(lines(found))
-        return {"lines": said, "hash": _hash(old), "text": decoded(old, file)[0], "merged": decoded(new, file)[0]}
+        text, merged = (decoded(one, str(self.model))[0] for one in (now, now if new == old else new))
+        return {"lines": said, "hash": _hash(old), "text": text, "merged": merged}
 
     def _since_commit(self, command: Mapping[str, Any], old: bytes, new: bytes) -> Mapping[str, Any]:
         """How what is drawn differs from the last commit: in words, and by element."""
