@@ -110,6 +110,7 @@ class BuiltInService(NamedTuple):
     results   variables that it sets when it ends by itself
     packages  what it imports of extras: a mission that lacks one is refused before it moves
     topics    the place of what gives its topics: (folder, variables) -> `fame.robot.services.ServiceTopic`s, or None
+    options   variables that it takes besides
     """
 
     start: str
@@ -117,9 +118,11 @@ class BuiltInService(NamedTuple):
     results: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
     topics: str = ""
+    options: tuple[str, ...] = ()
 
 
 _LEARNING = ("sklearn", "skops")
+_ARM = ("points", "rule", "topic", "field")
 WATCH = "watch_property"
 SERVICES: Mapping[str, BuiltInService] = {
     "adm_collect": BuiltInService(
@@ -127,21 +130,34 @@ SERVICES: Mapping[str, BuiltInService] = {
         ("output", "label"),
         ("runs_collected",),
         topics="fame.monitor.services:collect_topics",
+        options=("runs", *_ARM),
     ),
     "adm_learn": BuiltInService(
-        "fame.monitor.services:adm_learn", ("config",), ("classifier",), _LEARNING, "fame.monitor.services:learn_topics"
+        "fame.monitor.services:adm_learn",
+        ("config",),
+        ("classifier",),
+        _LEARNING,
+        "fame.monitor.services:learn_topics",
+        ("model",),
     ),
     "adm_operate": BuiltInService(
         "fame.monitor.services:adm_operate",
         ("model",),
         packages=_LEARNING,
         topics="fame.monitor.services:operate_topics",
+        options=("threshold", *_ARM),
     ),
     "process": BuiltInService(
-        "fame.monitor.services:process", ("configuration",), topics="fame.monitor.services:process_topics"
+        "fame.monitor.services:process",
+        ("configuration",),
+        topics="fame.monitor.services:process_topics",
+        options=("parameters", "namespace", "blind"),
     ),
     "record": BuiltInService(
-        "fame.monitor.services:record", ("configuration", "output"), topics="fame.monitor.services:record_topics"
+        "fame.monitor.services:record",
+        ("configuration", "output"),
+        topics="fame.monitor.services:record_topics",
+        options=("namespace",),
     ),
     WATCH: BuiltInService(
         "fame.log.property_watch:PropertyWatch", ("property", "sentence"), topics="fame.log.property_watch:topics"

@@ -277,12 +277,31 @@ def test_the_trigger_of_runs_is_published_too(tmp_path: Path, capsys: pytest.Cap
     [
         ("adm_learn", {"config": "no.yaml"}, "warning: c: does not start: there is no file "),
         ("Record", {"configuration": "unit.yaml", "output": "5"}, "error: c: does not start: variable output: "),
+        ("Train", {"configuration": "unit.yaml"}, "error: c: does not start: {0}/unit.yaml: has no section Training"),
+        ("ProcessingUnit", {"blnd": "wait"}, "warning: c: gives 'blnd', which its service does not take; did you mean"),
+        ("Record", {"Namespace": "REX"}, "warning: c: gives 'Namespace', which its service does not take; did you "),
     ],
 )
-def test_what_learning_and_recording_do_not_take_is_told(
+def test_what_services_do_not_take_is_told(
     called: str, values: dict[str, str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert monitored(tmp_path, capsys, called, **values)[0].startswith(f"m.bpmn:13: {expected}")
+    lines = monitored(tmp_path, capsys, called, **{"configuration": "unit.yaml", **values})
+    assert any(line.startswith(f"m.bpmn:13: {expected.format(tmp_path)}") for line in lines), lines
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("Files: 5", "Training.Files: expected a text, got 5"),
+        ("Fils: [a.csv]", "Training.Fils: unknown key"),
+        ("Files: [later*.csv]", ""),
+    ],
+)
+def test_the_settings_of_a_training_are_read_whose_files_the_mission_may_record(
+    setting: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = monitored(tmp_path, capsys, "Train", f"{UNIT}Training: {{{setting}}}\n", configuration="unit.yaml")
+    assert [said in line for line in lines] == ([True] if said else []), lines
 
 
 @pytest.mark.parametrize(("given", "told"), [("fast", True), ("2.5", False)])

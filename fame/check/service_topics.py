@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from os.path import isfile
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ from fame.rooms import CONFIGURED_FILES, SERVICES, BuiltInService, load
 
 _READ_BY = {".skops": ("sklearn", "skops"), ".onnx": ("onnxruntime",)}
 """By the ending of a learned model: the packages that read it."""
+_ALIKE = 0.75
+"""From which ratio of `difflib` on a name is a misspelt one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +46,23 @@ def check_services(scope: CheckScope) -> Iterator[Finding]:
             if place.fault is not None and not scope.remote_types:
                 level: Level = "warning" if isinstance(place.fault, MissingFileError) else "error"
                 yield process.finding(level, f"does not start: {place.fault}", place.node)
+        for node in process.nodes():
+            yield from (process.finding("warning", text, node) for text in _misspelt(process, node))
         for node in () if scope.remote_types else process.nodes():
             for lacking in filter(None, map(_lacking, _variables(process, node).values())):
                 yield process.finding("warning", f"cannot run here: {lacking}", node)
+
+
+def _misspelt(process: CheckedProcess, node: FlowNode) -> Iterator[str]:
+    """The inputs of a call or task that are almost those of its service, which does not take them."""
+    called = process.called_by(node)
+    at_work = [SERVICES[task.operation] for task in ((node,) if called is None else called.nodes())
+               if task.operation in SERVICES]  # fmt: skip
+    given = _variables(process, node) if at_work else {}
+    taken = {name for service in at_work for name in service.options} - given.keys()  # required ones are missed
+    for name in given:
+        if meant := get_close_matches(name, taken, 1, _ALIKE):
+            yield f"gives {name!r}, which its service does not take; did you mean {meant[0]!r}?"
 
 
 def _lacking(value: object) -> UnavailableError | None:

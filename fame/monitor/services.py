@@ -188,9 +188,10 @@ def record_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[Servic
 def train_topics(folder: Path, variables: Mapping[str, Any]) -> Sequence[ServiceTopic]:
     """Return none. Raises ConfigError for a wrong configuration."""
     from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.training_settings import read_settings, section_of
 
     if variables.get("configuration") is not None:
-        load(_configuration_file(folder, variables))
+        read_settings(section_of(load(_configuration_file(folder, variables))))
     return ()
 
 

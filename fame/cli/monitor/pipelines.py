@@ -424,7 +424,7 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
     """Return the settings of a configuration or of options, and the file that errors name. Raises ConfigError."""
     from fame.monitor.data_files import is_bag
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.training_settings import Training, training_of
+    from fame.monitor.pipeline.training_settings import Training, section_of, training_of
 
     if (arguments.configuration is None) == (not arguments.data):
         raise ConfigError("expected a configuration with the section Training, or --data FILE")
@@ -439,10 +439,7 @@ def _training(arguments: Namespace) -> tuple[Training, str]:
         given |= {"join": made.join, "run": made.run} if made is not None else {}
         return Training(files=tuple(map(str, arguments.data)), **given), str(arguments.data[0])
     configuration = load(arguments.configuration)
-    if configuration.training is None:
-        text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
-        raise ConfigError(text, file=str(configuration.file))
-    training = training_of(configuration.training, configuration.folder)
+    training = training_of(section_of(configuration), configuration.folder)
     return replace(training, join=configuration.join, run=configuration.run, **given), str(configuration.file)
 
 

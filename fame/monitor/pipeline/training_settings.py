@@ -16,6 +16,7 @@ from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import read_false_alarms
 from fame.monitor.data_files import ELEMENT, TIME_UNITS, Special
+from fame.monitor.pipeline.configuration import Configuration
 from fame.monitor.pipeline.cycles import WITHIN
 from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, ChannelAutoencoders, detector_names
 from fame.monitor.pipeline.join import Join
@@ -115,21 +116,36 @@ class Training:
         return special._replace(trigger=self.run)
 
 
+def section_of(configuration: Configuration) -> ConfigValue:
+    """Return the section `Training` of a configuration. Raises ConfigError if it has none."""
+    if configuration.training is None:
+        text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
+        raise ConfigError(text, file=str(configuration.file))
+    return configuration.training
+
+
 def training_of(section: ConfigValue, folder: Path) -> Training:
     """Read the section `Training`: keys in any case, file names and patterns relative to `folder`.
 
     Raises ConfigError.
     """
+    given = read_settings(section)
+    if "files" in given:
+        items = _items(_settings(section)["files"])
+        given["files"] = tuple(str(path) for item in items for path in _found(folder, item))
+    if _OF_AUTOENCODERS & given.keys():  # keys that say which detector is meant
+        given.setdefault("detector", ChannelAutoencoders.kind)
+    return Training(**{**given, "model": str(folder / given.get("model", Training.model))})
+
+
+def read_settings(section: ConfigValue) -> dict[str, Any]:
+    """Return the settings of the section `Training`, and names of files as they are written. Raises ConfigError."""
     given: dict[str, Any] = {}
     for name, value in _settings(section).items():
         if name not in _READERS:
             raise value.error(f"unknown key; {suggestion(name, _READERS)}")
         given[name] = _READERS[name](value)
-        if name == "files":
-            given[name] = tuple(str(path) for item in _items(value) for path in _found(folder, item))
-    if _OF_AUTOENCODERS & given.keys():  # keys that say which detector is meant
-        given.setdefault("detector", ChannelAutoencoders.kind)
-    return Training(**{**given, "model": str(folder / given.get("model", Training.model))})
+    return given
 
 
 def data_and_model(section: ConfigValue, folder: Path) -> tuple[tuple[str, ...], str]:
