@@ -518,6 +518,27 @@ def test_a_task_is_drawn_named_and_saved_by_mouse_and_keyboard(
     assert len(kept) == 2  # that of the task and its neighbour, where the new one was added: no shape
 
 
+def test_what_undo_brings_back_after_a_save_is_where_it_was(chromium: Browser, library: Path, model: Path) -> None:
+    shutil.copyfile(ROOT / "models" / "agriculture.bpmn", model)
+    begun = read_text(model.read_text("utf-8"), file="m.bpmn")
+    remove = """ids => edit.modeler.get('modeling').removeElements(
+        ids.map(id => edit.modeler.get('elementRegistry').get(id)))"""
+
+    def said() -> list[str]:
+        """The ids in order, but for those that the library makes anew."""
+        return re.findall(r' id="((?!Property_)\w+)"', model.read_text("utf-8").partition("<bpmndi:")[0])
+
+    before, flows = said(), [one.id for one in begun.processes[1].body.flows]
+    with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
+        for ids in (flows[:1], flows[1:3], [begun.participants[0].id]):
+            for is_back in (False, True):
+                page.locator("#undo").click() if is_back else page.evaluate(remove, ids)
+                until(page, "edit.changes === edit.checked && edit.dirty")
+                page.keyboard.press("Control+s")
+                until(page, "document.querySelector('#state').textContent === 'saved'")
+                assert (said() == before) is is_back, ids
+
+
 def test_findings_are_at_the_elements_and_in_a_list(chromium: Browser, library: Path, model: Path) -> None:
     with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
         change = (

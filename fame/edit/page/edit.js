@@ -5,6 +5,7 @@ import { Commits } from "./commits.js";
 import { byId, h, icon, messageOf, show } from "./dom.js";
 import { Exploring } from "./explore.js";
 import { mend } from "./fixes.js";
+import { keepOrder } from "./order.js";
 import { Running } from "./run.js";
 import { source } from "./source.js";
 
@@ -59,7 +60,12 @@ class Edit {
     byId("title").textContent = this.mission.title;
     await script(`page/modeler/dist/${this.mission.modeler}-modeler.production.min.js`);
     const { BpmnModeler } = /** @type {any} */ (window);
-    this.modeler = new BpmnModeler({ container: "#canvas", propertiesPanel: { parent: "#properties" } });
+    this.modeler = new BpmnModeler({
+      container: "#canvas",
+      propertiesPanel: { parent: "#properties" },
+      alignToOrigin: { alignOnSave: false }, // which would be a step on the stack, that Undo never gets behind
+    });
+    keepOrder(this.modeler);
     if (this.mission.templates.length) this.modeler.get("elementTemplatesLoader").setTemplates(this.mission.templates);
     this.modeler.on("commandStack.changed", () => this.changed());
     new ResizeObserver(() => this.ready && this.modeler.get("canvas").resized()).observe(byId("canvas"));
