@@ -76,6 +76,7 @@ def checked(folder: Path, text: str, called: str = "ProcessingUnit", **variables
     (folder / "power.py").write_text(POWER)
     (folder / "wrong.py").write_text("class Power(:")
     (folder / "more.py").write_text("from power import *")
+    (folder / "warned.py").write_text(f"PATTERN = '\\d'\n{POWER}")
     drawn = data("it", **({"configuration": "unit.yaml"} | variables))
     return told(alone(drawn + row(call("call", called, given("call", "it")))))
 
@@ -147,6 +148,7 @@ FINE = {
     "a class that is made by a call": unit("power.py:Assigned"),
     "a class that is imported": unit("power.py:Renamed"),
     "a file that imports all of another": unit("more.py:Power"),
+    "a file that Python warns of": unit("warned.py:Power"),
     "a function to poll": unit("{Class: Machine, Parameters: {source: 'power.py:ask'}}", "value"),
     "an address": unit("{Class: Machine, Parameters: {source: 'tcp://host:1', fields: [a, b]}}", "b", "a"),
     "a class of FAME by its module": unit("{Class: 'fame.monitor.pipeline.filters:LowPass', Parameters: {cutoff: 5}}"),

@@ -525,6 +525,21 @@ def _valid_log() -> Path:
     return _file("judged.jsonl", _logs()[0])
 
 
+_PROCESSOR = """from fame.monitor import Parameter
+class Power:
+    outputs, parameters = ("power",), [Parameter("gain", "float", 1.0, (0, 10), unit="")]
+    def __init__(self, gain=1.0, *, mode="a", **more): self.gain = gain
+    def execute(self, inputs): return None
+"""
+
+
+def read_processor(data: bytes) -> None:
+    """The text of a processor of others, which a check reads and does not run."""
+    from fame.monitor.pipeline.stand_in import look_up
+
+    look_up("own.py:Power", _file("own.py", data).parent)
+
+
 def read_coverage(data: bytes) -> None:
     """The coverage of tests, as a page for people who sign has it."""
     from fame.scenario.explore.coverage_file import read_coverage
@@ -820,6 +835,8 @@ TARGETS = tuple(
         ("ocel", partial(judge_log, ".ocel.json"), lambda: [_converted(".ocel.json")], json_text,
          {"needs": ("pymunk",)}),
         ("sentence", read_sentence, _texts(*_SENTENCES), text_or_bytes, {"needs": ("pymunk",)}),
+        ("processor", read_processor, _texts(_PROCESSOR, _PROCESSOR.replace(", parameters", "\n    parameters")),
+         text_or_bytes, {}),
         ("coverage", read_coverage, _coverages, json_text, {}),
         ("model", read_model, _models, xml, {"slow": True}),
         ("check", check_model, _models, xml, {"slow": True}),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import inspect
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from importlib.machinery import PathFinder
@@ -57,7 +58,9 @@ def look_up(name: str, folder: Path) -> Any:
         if path is not None and not isfile(path):
             raise MissingFileError(f"there is no file {path}")
         text = path.read_bytes() if path is not None else b""
-        tree = ast.parse(text)
+        with warnings.catch_warnings():  # of Python about the text, which the run gives
+            warnings.simplefilter("ignore")
+            tree = ast.parse(text)
     except SyntaxError:
         return find_object(name, folder)  # which raises the same
     except (OSError, ValueError, RecursionError, MemoryError):
