@@ -104,5 +104,7 @@ def test_a_test_that_expects_something_of_one_of_them_is_refused(model: Path, tm
     mission.advance(1)
     with pytest.raises(ConfigError, match=r"'Lock door' has the id of \"Move\" \(Task\) in drive.bpmn: rename one"):
         mission.expect("P").passed("Lock door")
+    with pytest.raises(ConfigError, match=r"'Task' is the id of \"Move\" \(Task\) in drive.bpmn: rename one of them"):
+        mission.expect("P").passed("Task")  # only that of drive.bpmn did
     mission.expect("P").passed("G")
     mission.close()

@@ -40,20 +40,19 @@ class Elements:
     def find(self, robot: str, name: str) -> frozenset[str]:
         """Return the ids of the elements with this id, else of those with this label.
 
-        Raises ConfigError for an unknown one, with similar ones, and for one whose id a called file has with another
+        Raises ConfigError for an unknown one, with similar ones, and for one whose id another file has with another
         label: events do not say which of the two it was.
         """
         elements = self._of[robot]
-        if any(one.element.id == name for one in elements):
-            return frozenset([name])
-        label = _plain(name)
-        ids = frozenset(one.element.id for one in elements if _plain(one.element.name) == label)
+        by_id = [one.element for one in elements if one.element.id == name]
+        label = _plain(by_id[0].name if by_id else name)
+        ids = {one.element.id for one in elements if _plain(one.element.name) == label} if not by_id else {name}
         if not ids:
             raise ConfigError(f"{robot} has no element {name!r}{self._similar(elements, name)}")
         for other in (one for one in elements if one.element.id in ids and _plain(one.element.name) != label):
             shown = f"{other.element.display_name} in {Path(other.file).name}"
-            raise ConfigError(f"{name!r} has the id of {shown}: rename one of them")
-        return ids
+            raise ConfigError(f"{name!r} {'is' if by_id else 'has'} the id of {shown}: rename one of them")
+        return frozenset(ids)
 
     def may_contain(self, robot: str, ids: frozenset[str], inner: str) -> bool:
         """Return whether an element is inside one of these, a subprocess or what is called; true if not known."""
