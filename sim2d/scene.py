@@ -53,6 +53,11 @@ class SceneRecorder:
         if world.steps % self._every == 0:
             self.look(world)
 
+    def show(self, world: World) -> None:
+        """Record the robots, whether they move or not."""
+        self._shows = False
+        self.look(world)
+
     def look(self, world: World) -> None:
         """Record what is different since the last look."""
         state = _ground_state(world)

@@ -18,6 +18,8 @@ from middleware_contract import DOMAIN, dds_world, needs
 from fame.bpmn.reader import read_text
 from fame.cli import main
 from fame.clock import SECOND, Kind, Scheduler
+from fame.log.recording import scene_values
+from fame.log.team_recorder import WORLD_SCENE
 from fame.middleware.interface import Node
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create, nanoseconds
@@ -228,6 +230,22 @@ def test_a_world_may_begin_paused(place: Callable[..., Place]) -> None:
     here.ask(RESUME)
     here.wait(1)
     assert here.clock[-1] == pytest.approx(SECOND, rel=0.02)
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_who_comes_to_a_world_in_which_nothing_moves_gets_its_robots(place: Callable[..., Place], paused: bool) -> None:
+    here = place(paused=paused)
+    scenes: list[list[Any]] = []
+    for number in range(2):  # somebody else may listen already
+        here.wait(5)
+        found = list[Any]()
+        here.middleware.node(f"view{number}").subscription(WORLD_SCENE, TEXT, found.append)
+        scenes.append(found)
+    here.wait(10)
+    heard = [len(found) for found in scenes]
+    assert {dict(scene_values(json.loads(said.data)))["REX"]["x"] for found in scenes for said in found} == {1}
+    here.wait(10)
+    assert [len(found) for found in scenes] == heard  # and no more, once they have it
 
 
 def test_an_engine_on_the_clock_of_a_fast_world_waits_in_its_time(place: Callable[..., Place]) -> None:

@@ -20,6 +20,7 @@ from fame.log.merging import merge
 from fame.log.recording_file import RecordingFile
 from fame.log.team_recorder import TeamRecorder
 from fame.middleware import messages
+from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, clock_message
 from fame.view import Replay, TeamView
 from fame.view.state import ENTER
 from tests.bpmn_text import document, process
@@ -361,6 +362,19 @@ def test_a_robot_on_the_network_has_its_battery_and_is_lost_if_it_says_nothing_f
     assert field.view._lost() == {}
     field.run(2.5)
     assert list(field.view._lost()) == ["REX"]
+
+
+def test_time_goes_on_with_the_clock_of_the_world_while_nothing_happens(field: Field) -> None:
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(3)
+    clock = field.middleware.node("world").publisher(CLOCK, CLOCK_TYPE, CLOCK_QOS)
+    known, end = field.view.news(None)[0], field.view._packer.end
+    clock.publish(clock_message(end + 30 * SECOND))
+    field.run(0.1)
+    (news,) = field.view.news(known)[1]
+    assert news["time"] == field.view.mission()["end"] == pytest.approx(end + 29.5 * SECOND, abs=SECOND)
 
 
 def test_the_page_only_shows_unless_it_is_told_otherwise(field: Field) -> None:

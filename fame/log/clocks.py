@@ -83,6 +83,10 @@ class ClockQuestions(Closing):
             self._answered.add(robot)
             self._on_answer(robot, ClockAnswer(trip, time - asked - trip // 2, answer))
 
+    def forget(self) -> None:
+        """Take no answer to what was asked until now."""
+        self._asked.clear()
+
     def close(self) -> None:
         """Ask no more."""
         self._next.cancel()
@@ -114,6 +118,12 @@ class ClockDoubts(Closing):
         if answer.trip < self._best.get(robot, answer.trip + 1):
             self._best[robot] = answer.trip
             self._put(robot, abs(answer.ahead - self.ahead) + answer.trip // 2)
+
+    def restart(self) -> None:
+        """Measure anew: `now` goes by another clock."""
+        self.ahead = None
+        self._best.clear()
+        self._questions.forget()
 
     def close(self) -> None:
         """Ask no more."""

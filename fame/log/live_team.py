@@ -108,7 +108,7 @@ class LiveTeam(Closing):
         self._waiting: list[tuple[int, int, Callable[[int], object]]] = []  # time, number, what to do then
         self._numbers = count()
         self._arrived: dict[int, int] = {}  # number of what waits -> when it came
-        self._ahead = 0  # what is added to all times (ns), since simulated time began again
+        self.ahead: int = 0  # what is added to all times (ns), since simulated time began again
         self._discovery: Entry = scheduler.soon(self._discover)
         self._release: Entry | None = None
 
@@ -202,16 +202,16 @@ class LiveTeam(Closing):
         shift = nanoseconds_between(self.epoch, date)
         if batch["session"] != source.session:
             source.session, source.synchronised, source.successor = batch["session"], False, -1
-            back = self._writer.last - (batch["time"] + shift + self._ahead)
+            back = self._writer.last - (batch["time"] + shift + self.ahead)
             if batch["time"] + shift < source.until and back > SECOND:  # its simulated time begins again
-                self._ahead += back
+                self.ahead += back
         elif batch["batch"] != source.batch + 1:
             self.gaps[robot] = self.gaps.get(robot, 0) + max(1, batch["batch"] - source.batch - 1)
             source.synchronised = False
             source.lost += max(1, batch["batch"] - source.batch - 1)
         source.batch, source.time, source.until = batch["batch"], batch["time"], batch["time"] + shift
         source.heard = source.batched = self._scheduler.now
-        ahead = shift + self._ahead
+        ahead = shift + self.ahead
         if "begins" in batch:
             source.synchronised = True
             first = min((time for _, time, _ in batch["changes"]), default=batch["time"])
@@ -249,7 +249,7 @@ class LiveTeam(Closing):
         if not _is_time(time):
             raise ValueError
         number = next(self._numbers)
-        heappush(self._waiting, (time + self._ahead, number, action))
+        heappush(self._waiting, (time + self.ahead, number, action))
         self._arrived[number] = self._scheduler.now
         if self._release is None:
             self._release = self._scheduler.after(self.delay, self._on_due)

@@ -199,6 +199,8 @@ class TeamRecorder(Closing):
     # ---- messages ----------------------------------------------------------------------------------------------------
 
     def _on_clock(self, message: AnyMessage) -> None:
+        if self._clock is None:  # until now it was that of this machine
+            self._clocks.restart()
         self._clock = nanoseconds(message.clock)
 
     def _on_doubt(self, robot: str, doubt: int) -> None:

@@ -40,6 +40,7 @@ PAUSE, RESUME, EMPTY = "/pause_physics", "/unpause_physics", "std_srvs/srv/Empty
 
 _STRING = "std_msgs/msg/String"
 _STATE_PERIOD = SECOND // 4  # ns of the wall clock between two messages with the state of the world
+_REPEATS = 12  # messages with the state of the world with which a new subscriber gets the robots, too
 _LATE = SECOND // 10  # ns that simulated time may fall behind before the delay is dropped
 
 
@@ -107,13 +108,21 @@ class WorldNode:
         """Publish the world for recordings: the ground, and the robots while there are subscribers."""
         from sim2d.scene import SceneRecorder
 
-        scene = self._node.publisher(WORLD_SCENE, _STRING)
+        self._scene = scene = self._node.publisher(WORLD_SCENE, _STRING)
         ground = self._node.publisher(WORLD_GROUND, _STRING, LATCHED)
 
         def put(topic: str, time: int, data: Mapping[str, Any]) -> None:
             (ground if topic == GROUND else scene).publish(messages.create(_STRING, json_bytes(data).decode()))
 
-        SceneRecorder(self._world, put, wanted=lambda: scene.subscriber_count() > 0)
+        self._scenes = SceneRecorder(self._world, put, wanted=lambda: scene.subscriber_count() > 0)
+        self._receivers = self._repeats = 0
+
+    def _repeat_scene(self) -> None:
+        """Publish the robots for subscribers that are new, though nothing moves; again, until they are discovered."""
+        before, self._receivers = self._receivers, self._scene.subscriber_count()
+        self._repeats = _REPEATS if self._receivers > before else max(0, self._repeats - 1)
+        if self._repeats:
+            self._scenes.show(self._world)
 
     def close(self) -> None:
         """Close all endpoints and the world."""
@@ -156,6 +165,7 @@ class WorldNode:
             self._publish_clock()
         state: dict[str, Any] = {**self._world.summary(), "paused": self.paused}
         self._state.publish(messages.create(_STRING, json.dumps(state)))
+        self._repeat_scene()
         self._next_state = self._scheduler.after(_STATE_PERIOD, self._publish_state)
 
 

@@ -43,6 +43,10 @@ _SILENCE = 5 * SECOND
 """After how long without a status a robot is lost (ns)."""
 _BATTERY = "sensor_msgs/msg/BatteryState"
 _LATEST = QoS(reliability="best_effort", depth=1)
+_TICK = SECOND // 10
+"""Steps in which time goes on while nothing happens (ns)."""
+_BEHIND = SECOND // 2
+"""How far it stays behind, for what is still on its way (ns)."""
 _DELAY = SECOND // 20
 """How long batches wait for those of other robots (ns): engines send 20 a second."""
 
@@ -115,14 +119,14 @@ class TeamView(PageSink, Closing):
     def _meet(self) -> None:
         """Listen to the status of robots that are new: their model or their first event came."""
         for robot in self._packer.robots[len(self._heard) :]:
-            self._heard[robot] = self._scheduler.now, self._packer.end
+            self._heard[robot] = self._scheduler.now, self._time()
             take = partial(self._on_status, robot)
             self._node.subscription(f"/{robot}/bpmn_status", STRING, take, STATUS_QOS)
 
     def _on_status(self, robot: str, message: AnyMessage) -> None:
         """A robot is there; each second is often enough to look at its battery."""
         with self._lock:
-            self._heard[robot] = self._scheduler.now, self._packer.end
+            self._heard[robot] = self._scheduler.now, self._time()
         topic = f"/{robot}/battery_state"
         there = any(info.name == topic and _BATTERY in info.types for info in self._middleware.graph())
         if there and robot not in self._charges:
@@ -177,7 +181,7 @@ class TeamView(PageSink, Closing):
                     *(f"{count} batches of {robot} were lost" for robot, count in team.gaps.items()),
                 ],
                 blocks=packer.index(),
-                end=packer.end,
+                end=self._time(),
                 control=([*ACTS, "steer"] if self._control else []) + (["change"] if self.change is not None else []),
                 messages=True,
                 order=[packer.robots.index(robot) for robot in self._order()],
@@ -194,10 +198,15 @@ class TeamView(PageSink, Closing):
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
             lost = self._lost()
-            status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": [], "lost": lost}
+            status = {"type": "run", "time": self._time(), "over": False, "breakpoints": [], "lost": lost}
             team = self._recorder.team
             troubles = *team.gaps.items(), *sorted(team.gone), *team.restarted.items(), *team.foreign
             return self.growth(known, status, (self._missions, *troubles))
+
+    def _time(self) -> int:
+        """How far the team has come (ns), also while nothing happens."""
+        now = self._recorder.now + self._recorder.team.ahead - _BEHIND
+        return max(self._packer.end, now // _TICK * _TICK if self._packer.blocks else 0)
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if not self._control:
