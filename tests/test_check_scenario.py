@@ -39,6 +39,10 @@ WRONG = {
     "no robot for a pool": (GOOD.replace("REX", "TIM"), "s.yaml:4: error: world.robots.TIM: "),
     "no such model": (GOOD.replace("m.bpmn", "n.bpmn"), "s.yaml:1: error: model: expected a file"),
     "a robot that stands outside": (GOOD.replace("[1, 1]", "[9, 1]"), "s.yaml:4: error: world.robots.REX.at: "),
+    "positions of another robot": (
+        f"{GOOD}poses: {{RXE: /x}}",
+        "s.yaml:5: error: poses.RXE: unknown robot or pool 'RXE'",
+    ),
     "not YAML": ("model: [", "s.yaml:1: error: is not valid YAML: "),
     "another file": ("Files: {}", "s.yaml: error: is a learning file, which is for fame monitor adm learn"),
 }

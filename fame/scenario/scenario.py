@@ -160,6 +160,11 @@ def _properties(
     from fame.properties.diagram import drawn_properties
     from fame.properties.files import beside
 
+    pools = pools_of(definitions)
+    for pose in content.poses:
+        if not any(pose.robot == pool.name or matches(pose.robot, pool) for pool in pools):
+            known = [*cast, *(pool.name for pool in pools if pool.multi_instance)]
+            raise pose.error(f"unknown robot or pool {pose.robot!r}; {suggestion(pose.robot, known)}")
     properties: dict[str, Property] = {}
     for property in (*content.properties, *beside(content.model), *drawn_properties(definitions, library, cast)):
         properties.setdefault(property.name, replace(property, poses=content.poses or property.poses))
