@@ -87,7 +87,7 @@ class Disk:
     @property
     def removed(self) -> bool:
         """Whether nothing was written since the directory was removed."""
-        return self._removed and not any(path.name.startswith("journal") for path in self._files)
+        return self._removed and not any(path.name.removeprefix("journal-").isdecimal() for path in self._files)
 
     def remove_all(self) -> None:
         """The directory is removed below a process, until `trouble` is 0: then somebody has made it again."""
