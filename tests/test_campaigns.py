@@ -7,6 +7,7 @@ import math
 import re
 import shlex
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -495,6 +496,20 @@ def test_a_varied_key_that_the_scenario_lacks_is_refused_before_the_first_run(sc
     nowhere = Variation((Distribution("world.robots.REX.at", "uniform", (0, 1)),))
     with pytest.raises(ConfigError, match=r"s\.yaml: world\.robots\.REX\.at: the scenario has no world"):
         Campaign(scenario=str(scenario), runs=1, variation=nowhere).check()
+
+
+def test_the_duration_and_a_measure_of_a_variable_that_is_set_may_be_varied(tmp_path: Path) -> None:
+    (tmp_path / "m.bpmn").write_text(
+        process('<startEvent id="s"/><scriptTask id="t"><script>way = [1]</script></scriptTask>' + FLOW)
+    )
+    (tmp_path / "s.yaml").write_text("model: m.bpmn\nduration: 20\n")
+    lasting = (Distribution("duration", "uniform", (5, 10)),)
+    begin = partial(Campaign, scenario=str(tmp_path / "s.yaml"), runs=1)
+    begin(variation=Variation(lasting, measures={"n": "len(P.way)"})).check()
+    with pytest.raises(ConfigError, match=r"nothing sets wya of P; did you mean 'way'\?"):
+        begin(variation=Variation(lasting, measures={"n": "len(P.wya)"})).check()
+    with pytest.raises(ConfigError, match=r"s\.yaml: P: unknown key"):
+        begin(variation=Variation((Distribution("P", "uniform", (5, 10)),))).check()
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ was interrupted can go on.
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import math
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.campaign.properties import columns
 from fame.campaign.variation import FAULTS, Distribution, Variation, points
+from fame.check.variables import parameters, variable_names
 from fame.dataclasses import asdict, dataclass, field
 from fame.errors import ConfigError, FameError, display_name
 from fame.imports import require
@@ -30,6 +32,7 @@ from fame.scenario.settings import ALL
 from fame.text import suggestion
 
 if TYPE_CHECKING:
+    from fame.bpmn.model import Process
     from fame.robot.events import Observer
 
 ROWS, ABOUT = "runs.jsonl", "campaign.json"
@@ -251,21 +254,30 @@ class Campaign:
         loaded = Scenario.load(self.scenario, duration=self.duration, library=self.library, faults=faults)
         run = Run(loaded, False, None, None)
         run.close()
-        self._check_measures({node.name for node in run.nodes})
+        if self.variation.measures:
+            self._check_measures({robot: _variables_of(loaded, pool.process) for robot, pool in loaded.cast.items()})
 
-    def _check_measures(self, robots: Set[str]) -> None:
+    def _check_measures(self, robots: Mapping[str, Set[str] | None]) -> None:
+        """`robots`: the variables of each; None: any."""
         from fame.bpmn.model import Expression
         from fame.scripting import compile_expression
         from fame.scripting.effects import effects_of
+        from fame.scripting.python_effects import syntax_tree
 
         for name, text in self.variation.measures.items():
             expression, element = Expression(text), f"measure.{name}"
             compile_expression(expression, element=element)
             read, names = effects_of(expression).reads, ", ".join(sorted(robots))
-            for other in sorted(read - robots):
+            for other in sorted(read - robots.keys()):
                 raise ConfigError(f"unknown robot {other}; robots are: {names}", element=element)
             if not read:
                 raise ConfigError(f"expected variables of its robots ({names}), got {text}", element=element)
+            for node in ast.walk(syntax_tree(expression) or ast.Module([], [])):
+                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                    robot, name = node.value.id, node.attr
+                    if (known := robots.get(robot)) is not None and name not in known:
+                        text = f"nothing sets {name} of {robot}; {suggestion(name, known)}"
+                        raise ConfigError(text, element=element)
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of the scenario, of what it names, and of the models, by file."""
@@ -291,13 +303,20 @@ class Campaign:
             yield from _on_cluster(pending, self.backend, self.address)
 
 
+def _variables_of(scenario: Scenario, process: Process) -> Set[str] | None:
+    """The variables that a process may have at its end; None: any."""
+    definitions, library = scenario.definitions, scenario.library.declared
+    names = variable_names(definitions, process.id, library)
+    return names if names is None else names | parameters(definitions, process, library).keys()
+
+
 def _varied_variables(paths: Iterable[str]) -> dict[str, dict[str, Any]]:
     """The variables that are varied, by robot, as `Scenario.load` takes them; it refuses those that no model has."""
     by_robot: dict[str, dict[str, Any]] = {}
     for path in paths:
-        first, *robot, name = path.split(".")
-        if first == "variables" and len(robot) < 2:
-            by_robot.setdefault(robot[0] if robot else ALL, {})[name] = None
+        match path.split("."):
+            case ["variables", *robot, name] if len(robot) < 2:
+                by_robot.setdefault(robot[0] if robot else ALL, {})[name] = None
     return by_robot
 
 

@@ -287,9 +287,9 @@ def variable_names(definitions: Definitions, process: str, library: Library) -> 
 def parameters(definitions: Definitions, process: Process, library: Library) -> dict[str, str]:
     """Return the variables that a process can be given, with their defaults (text; empty: none).
 
-    They are those that its data objects hold, and those that it, or what it calls without a mapping, reads and no
-    script of it sets. A default is the value that a data object gives, if that is not computed. Raises ModelError for a
-    called process that is not found.
+    They are those that its data objects hold, and those that it, or what it calls without a mapping, reads and neither
+    a script nor a repetition of it sets. A default is the value that a data object gives, if that is not computed.
+    Raises ModelError for a called process that is not found.
     """
     values: dict[str, str] = {}
     reads: set[str] = set()
@@ -306,6 +306,8 @@ def parameters(definitions: Definitions, process: Process, library: Library) -> 
             for text in expressions_in(body):
                 reads |= text.reads
                 fixed |= text.effects.sets | text.effects.code
+            for loop in (node.loop for node in body.nodes if node.loop is not None):
+                fixed |= {*loops.NAMES, getattr(loop, "element_variable", "")}
         for call in calls_of(inner):
             if call.io is None:
                 called = library.find(home, call)

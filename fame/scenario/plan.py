@@ -20,7 +20,7 @@ from fame.config.values import Source
 from fame.dataclasses import dataclass, field, replace
 from fame.engine.data import is_variable
 from fame.errors import ConfigError, MessageError
-from fame.text import similar_file, topic_of
+from fame.text import similar_file, suggestion, topic_of
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
@@ -364,6 +364,8 @@ def changed(data: Any, changes: Mapping[str, Any], file: str) -> Any:
     data = copy.deepcopy(data)
     for path, value in changes.items():
         *way, last = path.split(".")
+        if not way and last not in KEYS:
+            raise ConfigError(f"unknown key {last!r}; {suggestion(last, KEYS)}", file=file, element=path)
         place = data
         for number, key in enumerate(way):
             entry = _entry(place, key)
