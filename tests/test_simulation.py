@@ -6,11 +6,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from bpmn_text import process
 
 import fame
 from fame.bpmn.reader import read_text
+from fame.bpmn.topics import EMPTY_TYPE
 from fame.log.recorder import Recorder
 from fame.log.recording_file import Sink
+from fame.middleware import messages
 from fame.robot.durable import DurableRecorder
 from fame.robot.journal import Journal, StateDirectory
 
@@ -281,3 +284,24 @@ def test_a_year_of_missions_takes_no_more_memory_than_a_day(kept: str, tmp_path:
     assert simulation.node.completed == 2400
     assert sizes[1] - sizes[0] < 500
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 1_000_000
+
+
+def test_what_a_sensor_sends_before_the_start_pushes_out_no_message_of_another_topic() -> None:
+    started = "".join(
+        f'<startEvent id="{id}">{typed}<signalEventDefinition signalRef="{ref}"/></startEvent>'
+        f'<scriptTask id="t{id}"><script>seen = "{id}"</script></scriptTask>'
+        for id, ref, typed in (("w", "S", TYPED), ("o", "O", ""))
+    )
+    flows = (("w", "tw"), ("o", "to"))
+    text = process(started + "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in flows),
+                   '<signal id="S" name="weed_found"/><signal id="O" name="tick"/>')  # fmt: skip
+    seen = list[str]()
+    simulation = fame.Simulation(read_text(text, file="test.bpmn"), observer=lambda event: seen.append(event.element))
+    other = simulation.middleware.node("other")
+    ticks, weeds = other.publisher("/tick", EMPTY_TYPE), other.publisher("/weed_found", "geometry_msgs/msg/Vector3")
+    weeds.publish(messages.create(weeds.type, {"x": 1.0}))
+    for _ in range(1100):
+        ticks.publish(messages.create(ticks.type, None))
+        simulation.scheduler.run(simulation.scheduler.now + 1)
+    simulation.node.start()
+    assert (simulation.node.started, seen.count("tw") > 0, seen.index("tw") < seen.index("to")) == (1001, True, True)

@@ -9,10 +9,12 @@ world is in `fame.robot.host`.
 from __future__ import annotations
 
 import difflib
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from functools import partial
+from itertools import count
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.linked_forms import left_out, unfit_values
@@ -42,7 +44,7 @@ PendingStarts = Literal["", "endless", "due"]
 _POLL = SECOND // 50
 """Interval in which `release` checks whether cancelled scripts have ended (ns)."""
 _EARLY = 1000
-"""Number of messages that are kept between `load` and `start`."""
+"""Number of messages of each topic that are kept between `load` and `start`."""
 
 
 INCIDENT = "incident"
@@ -103,7 +105,9 @@ class RobotNode:
         self.host.on_suspended = self.waiting.on_suspended
         self.suspension: Suspension = Suspension(self)
         self._observed = options.observer is not None
-        self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
+        self._arrivals = count()
+        # Messages between `load` and `start`, each with its place: a sensor pushes out none but its own.
+        self._early: defaultdict[str, deque[tuple[int, Any]]] | None = defaultdict(partial(deque, maxlen=_EARLY))
         if compiled:
             self._assemble_or_close()
 
@@ -178,10 +182,12 @@ class RobotNode:
             self._early.clear()
 
     def _take_early(self) -> None:
-        early, self._early = self._early or (), None
+        boxes: Mapping[str, deque[tuple[int, Any]]] = self._early or {}
+        self._early = None
         if self.acknowledged is not None:
             self.acknowledged.begin()
-        for topic, message in early:
+        early = [(place, topic, message) for topic, box in boxes.items() for place, message in box]
+        for _, topic, message in sorted(early, key=itemgetter(0)):
             self.on_message(topic, message)
 
     def hold(self, reason: str = "", *, safe: bool = True) -> None:
@@ -452,7 +458,7 @@ class RobotNode:
     def on_message(self, topic: str, message: Any) -> None:
         """Deliver a message on a topic of its events (the qualified name)."""
         if self._early is not None:
-            self._early.append((topic, message))
+            self._early[topic].append((next(self._arrivals), message))
             return
         engine = self.engine
         listeners = engine.listeners.get(topic)
