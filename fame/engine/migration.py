@@ -1,22 +1,26 @@
 """Transfer the state of an engine to another program: a changed model continues where the old one was.
 
-Tokens at an element with the same id and kind in both programs are transferred; a `MigrationPlan` maps an element to
-another one, restarts it, or drops its tokens. Boundary events, event sub-processes and queues are closed if the new
-program does not have them; `arm_new` arms the new ones. An event never becomes one of another kind.
+Tokens at an element with the same id and kind in both programs are transferred, to the scope that it is in now
+(`fame.engine.places`); a `MigrationPlan` maps an element to another one, restarts it, or drops its tokens. Boundary
+events, event sub-processes and queues are closed if the new program does not have them there; `arm_new` arms the new
+ones. An event never becomes one of another kind.
 
 `migrate` is a function of plain data: the snapshot of a state, to that of another. Nothing moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
 from fame.bpmn import model
 from fame.dataclasses import dataclass, field
 from fame.engine import waiting
+from fame.engine.adhoc import NEXT
+from fame.engine.compensation import ROLL_BACK
 from fame.engine.encoding import Data
 from fame.engine.interpreter import Engine
+from fame.engine.places import Misplaced, Places
 from fame.engine.program import Node, Program
 from fame.engine.snapshot import OF_NO_PROGRAM, all_scopes
 from fame.engine.state import RUNNING, Wait
@@ -47,7 +51,7 @@ class MigrationPlan:
 class MigratedToken:
     """A token and its fate.
 
-    target   the element in the new program; `reason`: why it is blocked
+    target   the element in the new program; `reason`: why it is blocked, or what else changes with it
     name     the label of the element
     others   new elements of its kind: possible targets of a blocked token
     """
@@ -64,7 +68,7 @@ class MigratedToken:
         if self.fate == "blocked":
             return f"{place}: {self.reason}"
         to = f" as {self.target}" if self.target not in ("", self.element) else ""
-        return f"{place}: {self.fate}{to}"
+        return f"{place}: {self.fate}{to}{f' ({self.reason})' if self.reason else ''}"
 
 
 def migrate(data: Data, old: Program, new: Program, plan: MigrationPlan) -> tuple[Data, list[MigratedToken]]:
@@ -128,15 +132,22 @@ class _Migration:
         self._old_kinds, self._new_kinds = kinds(old), kinds(new)
         self._names = {node.id: node.name for process in old.sources for node in process.body.walk()}
         self._pseudo = {node.key for node in OF_NO_PROGRAM}
-        self._waits = {item["key"]: item for item in data["waits"]}
-        self._scopes = {item["key"]: item for item in data["scopes"]}
-        self._gone: set[int] = set()
+        self._places = Places(data, old, new, self._node)
+        self._scopes, self._waits, self._gone = self._places.scopes, self._places.waits, self._places.gone
         self._begin: list[Data] = []
+        self._lost: dict[int, str] = {}  # scopes of elements that are gone: the only token in one may leave it
+        self._kept: dict[int, int] = {}  # where in `tokens` a scope is that stays, unless its only token leaves it
         self.tokens: list[MigratedToken] = []
-        for scope in data["scopes"]:  # outer ones first
+        for scope in list(self._scopes.values()):  # outer ones first
             if scope["key"] not in self._gone:
                 self._decide_scope(scope)
         self._check_continuations()
+        for key, element in self._lost.items():
+            if key not in self._gone:
+                self._block(element)
+        left = [index for key, index in self._kept.items() if key in self._gone]
+        self.tokens = [token for index, token in enumerate(self.tokens) if index not in left]
+        self._places.move_boxes()
 
     # ---- which element and node -------------------------------------------------------------------------------------
 
@@ -168,35 +179,89 @@ class _Migration:
         """Decide on a scope (the token of its activity), and on the tokens in it."""
         if scope["node"] is not None and not self._decide(scope, scope["node"], scope["parent"]):
             return
-        if scope["body"] and self._node(scope["body"]) is None:
-            self._block(self._old.by_key[scope["body"]].id)
-        for key in [*scope["handles"], *(scope["joins"] or {}), *scope["held"]]:
-            if self._node(key) is None:
-                self._block(self._old.by_key[key].id)
-        for child in scope["children"]:
+        if scope["key"] not in self._lost:
+            if scope["body"] and self._places.opener(scope) is None:
+                self._block(self._old.by_key[scope["body"]].id)
+            self._check_handlers(scope)
+            joins = [key for key, counts in (scope["joins"] or {}).items() if any(counts[: self._need(key)])]
+            items = scope["items"] if isinstance(scope["items"], dict) else {}
+            for key in [*joins, *scope["held"], *items.get("todo", ())]:
+                self._check(key, scope)
+        for child in list(scope["children"]):
             wait = self._waits.get(child)
             if wait is not None and wait["token"]:
                 self._decide(wait, wait["node"], scope["key"])
 
+    def _need(self, key: str) -> int:
+        """Return the number of incoming flows of a join."""
+        need: int = self._old.by_key[key].spec.need
+        return need
+
+    def _check_handlers(self, scope: Data) -> None:
+        """Block the event sub-processes that have interrupted a scope, unless they are of the same one now."""
+        before = None
+        for key in scope["handles"]:
+            element = self._old.by_key[key].id
+            target = self._target(element)
+            if self._node(key) is None:
+                self._block(element)
+            elif not self._places.is_handled_in(scope, target, before):
+                self._block(element, f"{target} handles another scope in the new model")
+            before = target
+
+    def _check(self, key: str, scope: Data) -> None:
+        """Block a token between elements, or at a join, unless its place is in the same scope."""
+        if key in self._pseudo:
+            return
+        element = self._old.by_key[key].id
+        target = self._target(element)
+        if self._node(key) is None:
+            self._block(element)
+        elif not self._places.holds(scope, target):
+            self._block(element, f"{target} is in another scope in the new model")
+
     def _decide(self, item: Data, key: str, parent: int) -> bool:
         """Decide on one token. Returns whether it stays as it is."""
+        if key in self._pseudo:
+            return self._is_undone(item, key)
         element = self._old.by_key[key].id
         target = self._target(element)
         if element in self._plan.abandon:
-            self._leave(item, parent, ABANDONED.key)
+            self._leave(item, element, parent, ABANDONED.key)
             self._add(element, "abandon")
             return False
         again = element in self._plan.restart or self._has_other_alternatives(item, key)
-        entry = self._entry(target, parent)
-        if not again and self._node(key) is not None:
-            self._add(element, "keep", target)
+        stays = not again and self._node(key) is not None
+        reason = ""
+        if target in self._new_kinds and (stays or again or element in self._plan.to):
+            try:
+                place, change = self._places.place(item, parent, target)
+            except Misplaced as error:
+                reason = str(error)
+            else:
+                entry = self._places.entry(self._scopes[place], target)
+                if stays:
+                    self._kept[item["key"]] = len(self.tokens)
+                    self._add(element, "keep", target, change)
+                    return True
+                if entry is not None:
+                    self._leave(item, element, place, entry.key)
+                    self._add(element, "restart", target, change)
+                    return False
+        if item["key"] in self._scopes and element not in (*self._new_kinds, *self._plan.to, *self._plan.restart):
+            self._lost[item["key"]] = element
             return True
-        if (again or element in self._plan.to) and entry is not None:
-            self._leave(item, parent, entry)
-            self._add(element, "restart", target)
-            return False
-        self._block(element)
+        if parent not in self._lost:
+            self._block(element, reason)
         return False
+
+    def _is_undone(self, item: Data, key: str) -> bool:
+        """Return whether a scope of no element stays: of compensation; of a transaction that is rolled back."""
+        around = self._scopes[item["parent"]]
+        node = self._new.by_key.get(self._node(around["node"]) or "") if key == ROLL_BACK.key else None
+        if node is not None and (node.boundary is None or not node.boundary.cancels):
+            self._block(node.id, f"{node.id} is being cancelled, and has no cancel boundary event in the new model")
+        return True
 
     def _has_other_alternatives(self, item: Data, key: str) -> bool:
         """Return whether an event-based gateway, or a multiple event, waits for other events in the new program."""
@@ -205,53 +270,44 @@ class _Migration:
             return False
         return [self._node(part.key) for part in old.catch.parts] != [part.key for part in now.catch.parts]
 
-    def _entry(self, element: str, parent: int) -> str | None:
-        """Return the first node of an element in the new body of a scope."""
-        body = self._scopes[parent]["body"]
-        opener = self._node(body) if body else ""
-        opened = self._new.body if opener == "" else self._new.by_key[opener].body if opener is not None else None
-        return opened.entries[element].key if opened is not None and element in opened.entries else None
-
-    def _leave(self, item: Data, parent: int, begin: str) -> None:
+    def _leave(self, item: Data, element: str, parent: int, begin: str) -> None:
         """Move a token, without the content of its activity, to another node of the new program."""
-        self._drop(item)
+        self._places.drop(item)
         self._begin.append({"node": begin, "scope": parent})
+        items = self._scopes[parent]["items"]
+        if isinstance(items, dict) and items.get("busy") == element:  # of an ad-hoc sub-process: the next one may start
+            self._scopes[parent]["items"] = {**items, "busy": ""}
+            self._begin += [{"node": NEXT.key, "scope": parent}] if items["todo"] else []
 
-    def _drop(self, item: Data) -> None:
-        self._gone.add(item["key"])
-        for key in [*item["arms"], *item.get("children", ()), *(item.get("mail") or ())]:
-            inner = self._waits.get(key) or self._scopes.get(key)
-            if inner is not None:
-                self._drop(inner)
-            else:
-                self._gone.add(key)
-        if item.get("box"):
-            self._gone.add(item["box"])
-
-    def _block(self, element: str) -> None:
+    def _block(self, element: str, reason: str = "") -> None:
         kind = self._old_kinds.get(element)
-        others = [id for id, other in self._new_kinds.items() if other == kind and id not in self._old_kinds]
-        self._add(element, "blocked", self._target(element), self._why_not(element), tuple(sorted(others)))
+        others = [id for id, one in self._new_kinds.items() if one == kind and id not in self._old_kinds and not reason]
+        why = reason or self._why_not(element)
+        self._add(element, "blocked", self._target(element), why, tuple(sorted(others)))
 
     def _add(self, element: str, fate: Fate, target: str = "", reason: str = "", others: tuple[str, ...] = ()) -> None:
         self.tokens.append(MigratedToken(element, fate, target, reason, self._names.get(element, ""), others))
 
     def _check_continuations(self) -> None:
         for item in self._data["continuations"]:
-            if item["scope"] not in self._gone and self._node(item["node"]) is None:
-                self._block(self._old.by_key[item["node"]].id)
+            if item["scope"] not in self._gone:
+                self._check(item["node"], self._scopes[item["scope"]])
 
     # ---- the new state -----------------------------------------------------------------------------------------------
 
     def result(self) -> Data:
         data = self._data
-        waits = [self._wait(item) for item in data["waits"] if item["key"] not in self._gone]
-        kept_waits = {item["key"] for item in waits if item["node"] is not None}
-        boxes = [{**item, "node": self._node(item["node"])} for item in data["boxes"] if item["key"] not in self._gone]
-        boxes = [box for box in boxes if box["node"]]
-        alive = kept_waits | {item["key"] for item in boxes}
-        scopes = [self._scope(item, alive) for item in data["scopes"] if item["key"] not in self._gone]
-        alive |= {item["key"] for item in scopes}
+        waits = self._kept_waits()
+        kept = {item["key"] for item in waits}
+        own = {item["box"] for item in waits}
+        boxes = [box for box in self._places.boxes.values() if self._is_open(box, own)]
+        boxes = [{**item, "node": self._node(item["node"])} for item in boxes]
+        scopes = [item for item in self._scopes.values() if item["key"] not in self._gone]
+        alive = kept | {item["key"] for item in boxes} | {item["key"] for item in scopes}
+        held = data["held"]
+        if held:
+            parts = [*held[0], *self._places.made], held[1]
+            held = [[key for key in part if key in alive] for part in parts]
         waits = [
             {
                 **item,
@@ -259,14 +315,14 @@ class _Migration:
                 "box": item["box"] if item["box"] in alive else None,
             }
             for item in waits
-            if item["key"] in alive
         ]
         return {
             **data,
+            "counter": self._places.counter,
             "program": self._new.hash,
             "observed": self._new.observed,
             "instances": [{**item, "counts": self._counts(item["counts"])} for item in data["instances"]],
-            "scopes": scopes,
+            "scopes": [self._scope(item, alive) for item in scopes],
             "waits": waits,
             "boxes": boxes,
             "listeners": self._listeners(waits, boxes),
@@ -274,9 +330,9 @@ class _Migration:
             "named": [key for key in data["named"] if key in alive],
             "inclusive": [key for key in data["inclusive"] if key in alive],
             "incidents": [item for item in data["incidents"] if item[0] in alive],
-            "held": data["held"] and [[key for key in part if key in alive] for part in data["held"]],
+            "held": held,
             "continuations": [
-                *(self._wait(item) for item in data["continuations"] if item["scope"] in alive),
+                *(self._mapped(item) for item in data["continuations"] if item["scope"] in alive),
                 *(item for item in self._begin if item["scope"] in alive),
             ],
             "starts": {key: mapped for key, node in data["starts"].items() if (mapped := self._node(node))},
@@ -285,22 +341,59 @@ class _Migration:
             "variables": [{**item, "own": self._variables(item["own"], item["outer"])} for item in data["variables"]],
         }
 
-    def _wait(self, item: Data) -> Data:
+    def _kept_waits(self) -> list[Data]:
+        """Return the tokens that wait, and what is armed: for an owner that has it in the new program, too."""
+        kept: dict[int, Data] = {}
+        for item in self._waits.values():  # owners first
+            node, owner = self._node(item["node"]), item["owner"]
+            if item["key"] in self._gone or node is None:
+                continue
+            if not item["token"]:
+                there = owner in kept or (owner in self._scopes and owner not in self._gone)
+                if not there or self._new.by_key[node] not in self._armed_for(item, kept):
+                    continue
+            kept[item["key"]] = {**item, "node": node}
+        return list(kept.values())
+
+    def _armed_for(self, item: Data, kept: Mapping[int, Data]) -> Sequence[Node]:
+        """Return what is armed in the new program for the owner of a wait: alternatives, boundary events, handlers."""
+        scope = self._scopes.get(item["owner"])
+        if scope is not None and item["key"] not in scope["arms"]:
+            body = self._places.body(scope)
+            return body.armed if body is not None else ()
+        key = kept[item["owner"]]["node"] if scope is None else self._node(scope["node"])
+        node = self._new.by_key[key or ""]
+        boundary = node.boundary.armed if node.boundary is not None else ()
+        return (*boundary, *(node.catch.parts if node.catch is not None else ()))
+
+    def _is_open(self, box: Data, own: Collection[int | None]) -> bool:
+        """Return whether a queue is there in the new program, too: of a wait that is kept, or of a scope."""
+        node = self._new.by_key.get(self._node(box["node"]) or "")
+        if box["key"] in self._gone or node is None or node.catch is None or not node.catch.queue:
+            return False
+        body = self._places.body(self._scopes[box["scope"]])
+        return box["key"] in own or (body is not None and node in body.queued)
+
+    def _mapped(self, item: Data) -> Data:
         return {**item, "node": self._node(item["node"])}
 
     def _scope(self, item: Data, alive: set[int]) -> Data:
         items = item["items"]
         if isinstance(items, dict) and "todo" in items:
-            items = {**items, "todo": [key for old in items["todo"] if (key := self._node(old))]}
-        scopes = self._scopes.keys() - self._gone
+            todo = [key for old in items["todo"] if (key := self._node(old))]
+            items = {**items, "todo": todo, "busy": self._target(items["busy"])}
+        mapped = {"children": [key for key in item["children"] if key in alive]}
+        mapped["mail"] = item["mail"] and [key for key in item["mail"] if key in alive]
+        if item["key"] in self._places.made:
+            return {**item, **mapped}
         return {
             **item,
+            **mapped,
             "node": self._node(item["node"]),
-            "body": self._node(item["body"]) if item["body"] else item["body"],
-            "children": [key for key in item["children"] if key in alive or key in scopes],
+            "body": self._places.opener(item),
             "arms": [key for key in item["arms"] if key in alive],
-            "joins": item["joins"] and {self._node(key): counts for key, counts in item["joins"].items()},
-            "mail": item["mail"] and [key for key in item["mail"] if key in alive],
+            "joins": item["joins"]
+            and {key: counts for old, counts in item["joins"].items() if (key := self._node(old))},
             "handles": [self._node(key) for key in item["handles"]],
             "held": [self._node(key) for key in item["held"]],
             "items": items,
