@@ -4,6 +4,7 @@ import gc
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -58,6 +59,26 @@ def test_a_run_without_an_end_is_a_finding() -> None:
     mission = {"robots": {"A": [starts_itself]}, "calls": {}, "calm": False, "edits": {}}
     plan = Plan(1, (Step(0.0, "start", "A"), Step(0.5, "deploy", "1", 1)), heal=5.0, mission=mission)
     assert [one for one in outcome(plan)[0] if "A does not come to rest" in one]
+
+
+def _compared(mission: dict[str, Any], *steps: Step) -> tuple[list[str], int, int]:
+    """What does not hold where robots have directories but for B; of how many robots and missions that is known."""
+    mission = {"calls": {}, "calm": True, "edits": {}, "robots": mission}
+    steps = *(Step(0.0, "directory", robot) for robot in mission["robots"] if robot != "B"), *steps
+    steps = *(Step(0.1, "start", robot) for robot in mission["robots"]), Step(0.5, "deploy", "1", 1), *steps
+    found, struck, _ = outcome(Plan(1, tuple(steps), heal=15.0, mission=mission))
+    return found, struck["robots compared with a reference"], struck["missions compared as a whole"]
+
+
+def test_a_robot_that_hears_of_none_that_forgets_is_compared() -> None:
+    hearing, alone = [["times", 1, 2, [["hear", 2, "B"]]]], [["timer", 3, "PT3S"], ["note", 4]]
+    robots = {"A": hearing, "B": [["times", 5, 2, [["tell", 6]]]], "C": alone}
+    assert _compared(robots, Step(6.0, "kill", "B", 1.0), Step(7.0, "kill", "C", 1.0)) == ([], 1, 0)
+
+
+def test_a_mission_that_has_begun_nowhere_begins_after_the_faults() -> None:
+    robots = {"A": [["work", 1, "2"]], "C": [["timer", 2, "PT3S"]]}
+    assert _compared(robots, Step(1.2, "kill sender")) == ([], 2, 1)
 
 
 def test_what_runs_beside_the_robots_is_struck_while_it_runs() -> None:

@@ -151,8 +151,10 @@ def _print_table(struck: Counter[str]) -> None:
         print(f"| {group} |", ", ".join(f"{kind} {counts[prefix + kind]}" for prefix, kind in kinds), "|")
     rare = [kind for kinds in KINDS.values() for prefix, kind in kinds if counts[prefix + kind] < 100]
     print(f"less than 100 times: {', '.join(rare) or 'none'}")
-    drawn, compared = counts["missions drawn"], counts["missions compared with a reference"]
-    print(f"compared with a reference: {compared} of {drawn} missions drawn ({100 * compared / max(1, drawn):.0f} %)")
+    for what in ("missions compared with a reference", "missions compared as a whole",
+                 "robots compared with a reference", "robots compared after a restart"):  # fmt: skip
+        drawn = counts[f"{what.split()[0]} drawn"]
+        print(f"{what}: {counts[what]} of {drawn} drawn ({100 * counts[what] / max(1, drawn):.0f} %)")
 
 
 def _run_all(seeds: range, jobs: int, seconds: float | None, *, fixed: bool, table: bool) -> int:

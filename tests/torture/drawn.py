@@ -19,9 +19,9 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from fame.bpmn import reader
 from fame.bpmn.library import Library
 from fame.bpmn.pools import pools_of, shared_topics
-from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler, date_text
 from fame.engine.program import USER
 from fame.middleware import messages
@@ -362,9 +362,9 @@ def is_started(mission: Mission, robot: str) -> bool:
     return bool(mission["robots"][robot]) and mission["robots"][robot][0][0] == "start"
 
 
-def kinds_met(mission: Mission, visited: Collection[str]) -> set[str]:
+def kinds_met(mission: Mission, entered: Collection[str]) -> set[str]:
     """The kinds of steps of which some element was entered."""
-    numbers = {id.rsplit("_", 2)[1] for id in visited if id.count("_") > 2}
+    numbers = {id.rsplit("_", 2)[1] for id in entered if id.count("_") > 2}
     return {
         "pause" if kind == "resume" and mission["calm"] else kind
         for part in ("robots", "calls")
@@ -400,6 +400,24 @@ def _edited(steps: Sequence[Step], edits: Mapping[int, Step]) -> Iterator[Step]:
             case ["changed", *others]:
                 step = [kind, number, *others]
         yield step
+
+
+def steps_of(mission: Mission, robot: str, version: Any) -> list[list[Step]]:
+    """What a robot does in a version: its own steps, and those of what it calls."""
+    edits, own = edits_of(mission, version), mission["robots"][robot]
+    called = sorted({step[2] for step in walk(own) if step[0] in ("call", "own")})
+    return [list(_edited(steps, edits)) for steps in (own, *map(mission["calls"].get, called))]
+
+
+def closed(mission: Mission, begun: Mapping[str, int]) -> dict[str, int]:
+    """Those of which all partners have begun with the same version: whom each hears of, serves, and is served by."""
+    steps = [(name, step) for name in mission["robots"] for step in walk(mission["robots"][name])]
+    pairs = [(name, step[2]) for name, step in steps if step[0] in ("hear", "serve")]
+    pairs += [(step[2], name) for name, step in steps if step[0] == "serve"]
+    found = dict(begun)
+    while alone := {one for one, other in pairs if one in found and found.get(other) != found[one]}:
+        found = {name: version for name, version in found.items() if name not in alone}
+    return found
 
 
 def _is_steps(value: Any) -> bool:
@@ -690,7 +708,7 @@ def reference(text: str) -> tuple[dict[str, Outcome], list[str]]:
 
     They share the simulated network of ``fame run``, with short partitions: also what does not hold of that.
     """
-    scheduler, definitions, chance = Scheduler(), read_text(text), random.Random(text)
+    scheduler, definitions, chance = Scheduler(), reader.read_text(text), random.Random(text)
     robots = [pool.name for pool in pools_of(definitions)]
     begins = [(chance.sample(robots, 2), chance.uniform(0, 10)) for _ in range(3)]
     cuts = [Partition((one, other), begin, begin + chance.uniform(1, 9)) for (one, other), begin in begins]

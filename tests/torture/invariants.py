@@ -15,8 +15,9 @@ from fame.deploy.signing import ANOTHER_RUN
 from fame.engine import Instance
 from fame.engine.state import Mailbox
 from fame.middleware.codec import deserialize
+from fame.robot import RobotNode
 
-from .drawn import LAST, RETRIES, edits_of, help_needed, is_started, kinds_met, outcome_of, reference
+from .drawn import LAST, RETRIES, closed, edits_of, help_needed, is_started, kinds_met, outcome_of, reference, steps_of
 from .missions import WORK, version_of
 from .once import computed_once
 from .plan import DISK_FAULTS
@@ -112,12 +113,12 @@ def _concluded(team: Team, found: list[str]) -> list[str]:
 
 def finish(team: Team) -> bool:
     """People do what the robots need, until all missions have ended or wait for something else: whether they do."""
-    idle, visited = 0, 0
+    idle, still, visited = 0, 0, 0
     patience = 4 + 4 * max(robot.machine.slowest for robot in team.robots.values())  # what is sent is written before
     assert team.plan.mission is not None
     for _ in range(240 if team.plan.mission["calm"] else 120):  # the longest calm ones take 150 s without faults
         before, visited = visited, sum(sum(instance.visits.values()) for _, instance in _instances(team))
-        idle = idle + 1 if visited == before else 1
+        idle, still = (idle + 1, still + 1) if visited == before else (1, 0)
         for robot in team.robots.values():
             node = robot.engine.running if robot.engine is not None else None
             if node is None or (robot.engine is not None and robot.engine.state in ("holding", "ready")):
@@ -133,8 +134,8 @@ def finish(team: Team) -> bool:
             elif node.engine.waits:  # a timer or script goes on
                 idle = min(idle, 1)
         team.pass_time(1)
-        if idle > patience:
-            return True
+        if idle > patience or still > 45:  # it waits for a robot that holds: no timer, goal or disk takes so long
+            return idle > patience
     return False
 
 
@@ -275,44 +276,57 @@ def _instances(team: Team) -> Iterator[tuple[str, Instance]]:
 
 
 def unlike_reference(team: Team) -> Iterator[str]:
-    """A calm mission has become what it becomes where nothing fails."""
+    """Each robot of a calm mission has become what it becomes where nothing fails."""
     mission = team.plan.mission
     assert mission is not None
     team.struck["missions drawn"] += 1
     team.struck["missions drawn that are calm"] += mission["calm"]
-    running, robots = set(versions(team).values()), team.robots.values()
-    begun = {instance.variables.get("version") for _, instance in _instances(team)}
-    kinds = kinds_met(mission, {id for _, instance in _instances(team) for id in instance.visits})
-    team.struck.update(f"element {kind}" for kind in kinds)
-    migrated = {version for version in running - begun if version is not None}
+    running, robots = versions(team), team.robots
+    begun = {name: {one.variables.get("version") for who, one in _instances(team) if who == name} for name in robots}
+    team.struck.update(f"element {kind}" for kind in kinds_met(mission, team.entered))
+    migrated = {version for version in running.values() if version is not None} - set[Any]().union(*begun.values())
     team.struck.update(f"edit {edit[0]}" for version in migrated for edit in edits_of(mission, version).values())
-    team.struck["crashes in a row"] += sum([why for _, why in robot.excuses].count("crash") > 2 for robot in robots)
-    kept = all(robot.durable and not (robot.spoilt or robot.witness.changed) for robot in robots)
-    waiting = {element for _, instance in _instances(team) for element in instance.waiting}
-    dated = any("_date_" in element for element in waiting)  # a clock that is far behind
-    if not (mission["calm"] and kept and len(running) == len(begun) == 1 and None not in running | begun) or dated:
-        return
-    (version,), (first,) = running, begun
-    if edits_of(mission, first) != edits_of(mission, version):
-        return
-    if any(robot.engine is None or robot.engine.state == "holding" for robot in robots):
-        return  # others wait for it
-    if len({said.deployment for said in team.said if said.answer == "started"}) > 1 and _hears_anybody(team):
-        return  # also those of the mission before, while it waited for its start: plain topics promise nothing
-    team.struck["missions compared with a reference"] += 1
-    should, wrong = reference(team.text(first))
-    yield from wrong
-    for robot in robots:
-        assert robot.engine is not None
-        if robot.engine.running is not None:
-            for text in differences(should[robot.name], outcome_of(robot.engine.running)):
-                yield f"{robot.name} is not what it is without faults: {text}"
+    crashes = ([why for _, why in robot.excuses].count("crash") for robot in robots.values())
+    team.struck["crashes in a row"] += sum(number > 2 for number in crashes)
+    kept = {name: next(iter(found)) for name, found in begun.items() if len(found) == 1 and _keeps(team, name, *found)}
+    compared = closed(mission, kept)
+    counts = {"drawn": len(robots), "compared with a reference": len(compared)}
+    counts["compared after a restart"] = sum(_has_restarted(team, name) for name in compared)
+    team.struck.update({f"robots {how}": count for how, count in counts.items()})
+    team.struck["missions compared with a reference"] += bool(compared)
+    team.struck["missions compared as a whole"] += compared.keys() == robots.keys()
+    references = {version: reference(team.text(version)) for version in sorted({*compared.values()})}
+    yield from (text for _, wrong in references.values() for text in wrong)
+    for name, version in compared.items():
+        node = robots[name].engine.running
+        for text in differences(references[version][0][name], outcome_of(node)):
+            yield f"{name} is not what it is without faults: {text}"
 
 
-def _hears_anybody(team: Team) -> bool:
-    """Whether a robot catches what robots have thrown, and no robot of its mission does: nothing tells whose it is."""
-    nodes = [robot.engine.running for robot in team.robots.values() if robot.engine is not None]
-    uses = [use for node in nodes if node is not None for use in node.mission.types.values()]
+def _has_restarted(team: Team, name: str) -> bool:
+    """Whether a robot has crashed since its mission was started."""
+    started = max((said.time for said in team.said if (said.robot, said.answer) == (name, "started")), default=math.inf)
+    return any(why == "crash" and time > started for time, why in team.robots[name].excuses)
+
+
+def _keeps(team: Team, name: str, first: int | None) -> bool:
+    """Whether a robot has kept its calm mission, of the version `first`; a migration that edits others changes none."""
+    mission, robot = team.plan.mission, team.robots[name]
+    assert mission is not None
+    node = robot.engine.running if robot.engine is not None and robot.engine.state != "holding" else None
+    kept = mission["calm"] and robot.durable and not (robot.spoilt or robot.witness.changed) and first is not None
+    if not kept or node is None:
+        return False
+    dated = any("_date_" in element for one in node.instances for element in one.waiting)  # a clock far behind
+    several = len({said.deployment for said in team.said if said.answer == "started"}) > 1 and _hears_anybody(
+        team, node
+    )
+    return not dated and not several and steps_of(mission, name, first) == steps_of(mission, name, versions(team)[name])
+
+
+def _hears_anybody(team: Team, node: RobotNode) -> bool:
+    """Whether a robot catches what robots have thrown, perhaps for the mission before: plain topics promise nothing."""
+    uses = node.mission.types.values()
     return any(use.catches and not (use.throws or use.ttl) and team.fabric.published.get(use.name) for use in uses)
 
 

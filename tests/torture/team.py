@@ -43,7 +43,7 @@ from fame.robot.journal import StateDirectory
 from fame.scripting.cancelled_goals import BOUND
 
 from .disks import PowerLoss
-from .drawn import ASK, GOALS, accepts, durations_of, end_goal, help_needed, is_started, text_of
+from .drawn import ASK, GOALS, Mission, accepts, durations_of, end_goal, help_needed, is_started, text_of, walk
 from .fabric import Fabric, Wire
 from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
@@ -177,6 +177,7 @@ class Team:
         )
         self.told: dict[str, str] = {}  # by request: what its person was told
         self.held = set[str]()  # robots that have held a deployment
+        self.entered = set[str]()  # elements of missions to which a token has come
         self.goals: list[tuple[str, int]] = []  # (process of the server, count), as they were accepted
         self.expired = Counter[str]()  # signals that were not acknowledged, by receiver
         self.unserved = 0  # how often the server was not there
@@ -250,6 +251,10 @@ class Team:
             assert entry.action is not None
             self._at(entry.time - early, entry.action)
             entry.cancel()
+
+    def _is_idle(self) -> bool:
+        """Whether no robot has a mission."""
+        return all(robot.engine is None or robot.engine.running is None for robot in self.robots.values())
 
     def _is_busy(self) -> bool:
         """Whether a deployment is under way, a process has not begun, or one that is away has not been forgotten.
@@ -418,10 +423,12 @@ class Team:
         """Do what comes from outside at a time (ns)."""
         self._ahead.append(self.scheduler.at(time, action, Kind.MESSAGE))
 
-    def _heal(self) -> None:
-        """No fault from now on: every link is whole, every process runs."""
+    def _heal(self, *, again: bool = False) -> None:
+        """No fault from now on: every link is whole, every process runs. `again`: also if nothing has begun."""
         self.note("heal")
-        self.healed = self.scheduler.now / SECOND
+        asked = [step for step in self.plan.steps if step.kind in ("deploy", "diagram")]
+        begins = bool(self.plan.mission and asked and not again and self._is_idle())
+        self.healed = math.inf if begins else self.scheduler.now / SECOND
         self._armed.clear()
         for machine in (*self.machines.values(), *(program.machine for program in self.programs.values())):
             if self.key is not None:  # what is signed is refused where clocks differ
@@ -442,6 +449,19 @@ class Team:
         for robot in self.robots.values():
             if robot.process is None:
                 self.start(robot)
+        if self.plan.mission is not None and begins:
+            self._begin_again(asked[-1], self.plan.mission)
+
+    def _begin_again(self, deployment: Step, mission: Mission) -> None:
+        """A person deploys again what has begun nowhere, since it shows nothing; robots crash while it runs."""
+        chance = random.Random(f"again {self.plan.seed}")
+        self._later(15, partial(self._heal, again=True))  # until then faults go on
+        self._do(deployment)
+        for robot, steps in mission["robots"].items():
+            met = sorted({step[0] for step in walk(steps)} & {"work", "timer", "go", "tell", "hear", "person"})
+            for kind in chance.sample(met, min(1, len(met))):
+                fault, away = chance.choice(("kill", "power")), chance.uniform(0.2, 2)
+                self._armed.append(Step(chance.random(), fault, robot, away, f"{robot} at {kind}"))
 
     # ---- processes ---------------------------------------------------------------------------------------------------
 
@@ -604,8 +624,10 @@ class Team:
             raise EndlessRunError(f"{robot.name} does not come to rest: {AT_ONCE} events at {now:g} s")
         if robot.engine is not None:
             robot.witness.on_event(now, robot.engine, event)
-        if event.what == "enter" and self._armed and event.element:
-            self._on_moment(f"{robot.name} at {event.element.rsplit('_', 2)[0].partition('_')[2]}")
+        if event.what == "enter" and event.element:
+            self.entered.add(event.element)
+            if self._armed:
+                self._on_moment(f"{robot.name} at {event.element.rsplit('_', 2)[0].partition('_')[2]}")
         if (
             event.what == "cancel"
             or "_handler_" in event.element
@@ -908,8 +930,7 @@ class Team:
     def _ended(self, sender: Sender) -> None:
         if sender.deployment is not None and sender.alive:
             outcome = "; ".join(map(str, sender.deployment.robots.values()))
-            idle = all(robot.engine is None or robot.engine.running is None for robot in self.robots.values())
-            if self.plan.mission is not None and sender.deployment.failed and idle and len(self.senders) < 6:
+            if self.plan.mission is not None and sender.deployment.failed and self._is_idle() and len(self.senders) < 6:
                 self._later(2.0, partial(self.deploy, sender.version))  # a person tries again
             self._leave(sender, f"{'failed' if sender.deployment.failed else 'started'}: {outcome}")
 
