@@ -132,9 +132,6 @@ def test_an_answer_without_what_the_form_requires_is_a_warning(
 
 
 IN_VAIN = {
-    "complete: [{at: 1, robot: REX, element: ask, values: {bgs: 2}}]": (
-        "the form of ask has no field 'bgs'; did you mean 'bags'?"
-    ),
     "duration: 9\ncomplete: [{at: 10, robot: REX, element: ask}]": (
         "ask of REX is completed at 10 s, which is after the end of the run (9 s)"
     ),

@@ -488,7 +488,7 @@ def _elsewhere(name: str, here: Iterable[str]) -> str:
 
 
 def _without_effect(run: Run, services: Sequence[_Services], file: str) -> Iterator[Finding]:
-    """Find what has no effect: after the end of the run, on topics that no robot uses, in fields that a form lacks."""
+    """Find what has no effect: after the end of the run, on topics that no robot uses."""
     scenario, network = run.scenario, run.scenario.network
     says = [(f"{one.element} of {one.robot} is completed", one.time) for one in scenario.completions]
     for what, time in (*says, *((f"{one.topic} is published", one.time) for one in scenario.signals)):
@@ -503,15 +503,6 @@ def _without_effect(run: Run, services: Sequence[_Services], file: str) -> Itera
         if link.topic and link.topic not in topics and not link.topic.startswith(computed):
             text = f"network: no robot uses the topic {link.topic}; {suggestion(link.topic, topics)}"
             yield Finding("warning", text, file)
-    for done in scenario.completions:
-        (node,) = (one for one in run.nodes if one.name == done.robot)
-        tasks = ((home, task) for home, process in node.mission.processes() for task in process.body.walk())
-        for home, task in tasks:
-            form = form_of(home, task.human) if task.id == done.element and isinstance(task, Task) else ()
-            fields = [field.key for field in form if field.key]
-            for name in [name for name in done.values if fields and name not in fields]:
-                text = f"the form of {task.display_name} has no field {name!r}; {suggestion(name, fields)}"
-                yield Finding("warning", text, file)
 
 
 def _left_out(run: Run, file: str) -> Iterator[Finding]:

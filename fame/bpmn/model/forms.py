@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any, Literal
 
 from fame.dataclasses import dataclass
+from fame.text import suggestion
 
 FieldKind = Literal[
     "text", "textarea", "number", "integer", "checkbox", "select", "radio", "date", "time", "datetime", "value",
@@ -37,8 +39,8 @@ _PLAIN = (bool, int, float, str, list, dict, type(None))
 """Values of people; an exploration gives others, which are unknown."""
 
 
-def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
-    """Return what is wrong with the first value that does not fit its field in a form; empty if all fit.
+def unfit_value(form: Sequence[FormField], values: Mapping[str, Any]) -> str:
+    """Return what is wrong with the first value that has no field in a form or does not fit it; empty if all fit.
 
     A field without a value is passed over, and so are patterns, which are of JavaScript, and the forms of dates.
     """
@@ -47,6 +49,17 @@ def unfit_value(form: Iterable[FormField], values: Mapping[str, Any]) -> str:
             expected = _expected(field, value) if isinstance(value, _PLAIN) else ""
             if expected:
                 return f"{field.key}: expected {expected}, got {value!r}"
+    return _without_field(form, [name for name, value in values.items() if isinstance(value, _PLAIN)])
+
+
+def _without_field(form: Sequence[FormField], names: Iterable[str]) -> str:
+    """Say which name is no field; beside fields that FAME does not know (``other``), only if it is like a known one."""
+    keys = [field.key for field in form if field.key]
+    known = {*keys, *(key.partition(".")[0] for key in keys)}
+    whole = all(field.kind != "other" for field in form)
+    for name in names if keys else ():
+        if name not in known and (whole or get_close_matches(name, keys)):
+            return f"the form has no field {name!r}; {suggestion(name, keys)}"
     return ""
 
 
