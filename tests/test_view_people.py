@@ -303,7 +303,8 @@ def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it
         assert page.evaluate(f"({OVERLAPPING})(fame.world.written)") == []
     assert page.evaluate(ELSEWHERE) == []
     names = [text for text, _ in page.evaluate(SIZES)]
-    assert {"Dispatcher", "Porter", "Lift", "Cleaner", "Go to the", "delivered", "yes"} <= set(names)
+    assert {"Dispatcher", "Porter", "Lift", "Cleaner", "delivered", "yes"} <= set(names)
+    assert any(text.startswith("Go to") for text in names)  # how much fits into a line depends on the fonts
     assert until(page, "fame.timeline.bars.written?.size")
     assert page.evaluate(f"({OVERLAPPING})([...fame.timeline.bars.written.values()].flat())") == []
     assert page.evaluate("fame.timeline.scroller.scrollHeight <= fame.timeline.scroller.clientHeight")  # all lanes
