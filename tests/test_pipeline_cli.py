@@ -30,6 +30,7 @@ from fame.monitor.pipeline.configuration import load
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import make_processors
 from fame.monitor.pipeline.threshold import Threshold
+from fame.monitor.pipeline.topic_tools import format_message
 from fame.monitor.pipeline.train import Training, fit
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.plots import plot_loss
@@ -338,3 +339,12 @@ def test_numbers_and_words_that_cannot_be_meant_are_a_wrong_request(
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", [0.1, 48.13715412, 1764455000.123, 1e300, 5.0, float(np.float32(0.1234567))])
+def test_numbers_of_messages_and_parameters_are_shown_whole(value: float) -> None:
+    """Those of a field `float32` with as many digits as it has."""
+    shown = ros._shown(value)
+    assert format_message({"latitude": value, "all": [value]}) == f"latitude: {shown}\nall: [{shown}]\n"
+    assert value in (float(shown), float(np.float32(min(float(shown), 3e38))))
+    assert len(shown) <= len(repr(value))

@@ -85,11 +85,13 @@ def _set_parameter(client: Any, arguments: Namespace) -> int:
 
 
 def _shown(value: Any) -> str:
+    from fame.monitor.pipeline.topic_tools import float_text
+
     if isinstance(value, list):
         return f"[{', '.join(map(_shown, value))}]"
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return float_text(value) if isinstance(value, float) else str(value)
 
 
 _TOPIC_EXAMPLES = (

@@ -95,7 +95,14 @@ def _entry(name: str, item: Any, limit: int, indent: str) -> str:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else repr(value) if value == "" else printable(str(value))
+    return float_text(value) if isinstance(value, float) else repr(value) if value == "" else printable(str(value))
+
+
+def float_text(value: float) -> str:
+    """Return a number as the shortest text from which it can be read again, also one of a field `float32`."""
+    texts = (f"{value:.{digits}g}" for digits in (6, 7, 8, 9))
+    with np.errstate(over="ignore"):
+        return next((text for text in texts if value in (float(text), float(np.float32(text)))), repr(value))
 
 
 def wait_for_types(
