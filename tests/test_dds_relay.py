@@ -99,14 +99,22 @@ def test_an_engine_that_takes_nothing_holds_up_nobody_and_gets_the_last_when_it_
     assert any("/A/_listener lost" in text for text in hangs.losses())
 
 
-def test_an_engine_says_that_its_participant_may_have_lost_more(here: RelayWorld) -> None:
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("moved", [False, True], ids=["another", "killed"])
+def test_an_engine_says_that_its_participant_may_have_lost_more(here: RelayWorld, moved: bool) -> None:
+    """Of a sender that numbers nothing, and before the process that has the participant was killed."""
     seen: list[int] = []
     listener = here.node("listener", "B")
     listener.subscription("/x", INT, lambda message: seen.append(message.data), QoS(depth=10))
     sender = here.node("sender", "C").publisher("/x", INT, QoS(depth=100))
     here.connect("/x")
-    (there,) = (end for engine in here.relay.engines for node in engine.nodes for end in node.subscriptions)
-    there.uncounted = True  # as of a sender that numbers nothing
+    if moved:
+        cut(here, 0)
+        here.until(lambda: len(here.relay.engines) == 1)
+        here.connect("/x")
+    else:
+        (there,) = (end for engine in here.relay.engines for node in engine.nodes for end in node.subscriptions)
+        there.uncounted = True
     for number in range(30):
         sender.publish(messages.create(INT, number))
     here.arrive()

@@ -195,16 +195,19 @@ class RelayedMiddleware(WireMiddleware):
         thread = threading.Thread(target=relay.scheduler.run, name="fame participant", daemon=True)
         thread.start()
         self._own = relay, thread
-        self.scheduler.soon(self._drop_requests)
+        self.scheduler.soon(self._on_moved)
         self.link.connect(here)
         for number, (question, _) in list(self._questions.items()):
             self.link.send_object(ASK, number, question)
 
-    def _drop_requests(self) -> None:
-        """Drop the requests without response: none comes to the clients that were made again."""
+    def _on_moved(self) -> None:
+        """Drop the requests without response: none comes to the clients that were made again. The losses that the
+        other process has counted since it was asked are gone."""
         for entity in list(self.entities.values()):
             if isinstance(entity, RelayedClient):
                 entity.take_servers(frozenset())
+            elif isinstance(entity, RelayedSubscription):
+                entity.uncounted = True
 
 
 def _definitions(type: str) -> Iterator[tuple[Any, ...]]:
