@@ -249,6 +249,13 @@ def test_a_queue_keeps_what_comes_after_its_scope_has_begun(
     assert told(text) == ([early + (TOO_LATE if late else LOST)] if late or not queue else [])
 
 
+def test_a_queue_of_a_boundary_event_keeps_what_comes_while_its_activity_runs() -> None:
+    kept = boundary("t", "true").replace('cancelActivity="true">', 'cancelActivity="true">' + properties(queue="1"))
+    content = row(PAUSE, script("await sleep(9)"), mark="2") + kept + ends("be") + flow("b", "be")
+    early = 'a: throws /done as the mission begins, before "done" (b) can wait for it: '
+    assert told(team(row(throw("a")), content)) == [early + TOO_LATE]
+
+
 @pytest.mark.parametrize("queue", [{}, {"queue": "1"}])
 @pytest.mark.parametrize("around", ["sub-process", "call"])
 def test_a_throw_is_lost_on_a_catch_in_the_activity_after_it(around: str, queue: dict[str, str]) -> None:

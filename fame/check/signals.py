@@ -252,7 +252,9 @@ _SAY_IT_AGAIN = "signals are not stored, and a queue there begins too late: thro
 
 
 def _is_entered(end: TopicEndpoint, at_once: Reach) -> bool:
-    """Whether the scope of an element is entered: from then on it keeps messages, if it has a queue."""
+    """Whether the scope of an element, of a boundary event its activity, is entered: from then on a queue keeps."""
+    if end.node.attached_to:
+        return (end.process, end.node.attached_to) in at_once.reached
     body = next(body for body in end.process.bodies() if end.node in body.nodes)
     return any((end.process, node.id) in at_once.reached for node in body.nodes)
 
