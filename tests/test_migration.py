@@ -29,6 +29,7 @@ from engine_models import (
     signal,
     start,
     sub,
+    throw,
     timer,
     user,
 )
@@ -204,6 +205,73 @@ def test_variables_are_renamed_and_have_defaults_and_functions_stay() -> None:
     new = Migrated(old, content, plan)
     new.simulation.complete("a")
     assert new.instance.variables["y"] == 14
+
+
+COMPENSATED = "<compensateEventDefinition/>"
+
+
+def undone(handler: str, *, at: str = "w", tasks: str = "a") -> str:
+    """Activities with handlers (if there is one), a user task, and a compensation event."""
+    text = start() + user("w") + throw("t", COMPENSATED) + user("z") + end()
+    for task in tasks.split():
+        text += script(task) + (boundary(f"b{task}", task, COMPENSATED) if handler else "")
+        text += element("userTask", f"{handler}{task}", isForCompensation="true") if handler else ""
+        text += (
+            element("association", f"x{task}", sourceRef=f"b{task}", targetRef=f"{handler}{task}") if handler else ""
+        )
+    return text + path(f"s {tasks} {'w t' if at == 'w' else 't'} z e")
+
+
+def test_a_compensation_that_is_under_way_goes_over() -> None:
+    for plan, undoing in (({}, "u"), ({"elements": {"ua": {"to": "va"}}}, "v"), ({"elements": {"ua": "restart"}}, "u")):
+        old = Run(undone("u", at="t")).run()
+        assert old.waiting == ["ua"]
+        new = Migrated(old, undone(undoing, at="t").replace('id="z"', 'id="z" name="Z"'), plan)
+        new.simulation.complete(f"{undoing}a")
+        assert new.waiting == ["z"]
+    with pytest.raises(MissionError, match="ua: the new model has no element ua"):
+        Migrated(Run(undone("u", at="t")).run(), undone("v", at="t"))
+
+
+def test_what_is_completed_is_undone_or_is_said_not_to_be() -> None:
+    new = Migrated(Run(undone("u")).run(), undone("v"))
+    new.simulation.complete("w")
+    assert new.waiting == ["va"]
+    for changed, why in (
+        (undone(""), "a has no compensation handler in the new model"),
+        (undone("u", tasks="b"), "the new model has no element a"),
+    ):
+        with pytest.raises(MissionError, match=f"a: is completed, and would never be undone: {why}"):
+            Migrated(Run(undone("u")).run(), changed)
+        new = Migrated(Run(undone("u")).run(), changed, {"elements": {"a": "abandon"}})
+        assert sorted(token.fate for token in new.tokens) == ["abandon", "keep"]
+        new.simulation.complete("w")
+        assert new.waiting == ["z"]
+
+
+def test_what_is_still_to_be_undone_while_another_compensation_runs_is_not_forgotten() -> None:
+    old = Run(undone("u", at="t", tasks="a b")).run()
+    assert old.waiting == ["ub"]
+    with pytest.raises(MissionError, match="a: is completed, and would never be undone"):
+        Migrated(old, undone("u", at="t", tasks="b"))
+    new = Migrated(old, undone("u", at="t", tasks="b a"))
+    new.simulation.complete("ub")
+    assert new.waiting == ["ua"]
+
+
+def test_what_is_completed_in_a_sub_process_is_undone_by_the_handler_that_there_is() -> None:
+    def inner(own: bool) -> str:
+        body = start("qs") + script("a") + boundary("ba", "a", COMPENSATED) + path("qs a")
+        body += element("userTask", "ua", isForCompensation="true")
+        body += element("association", "xa", sourceRef="ba", targetRef="ua")
+        text = start() + sub("q", body) + user("w") + throw("t", COMPENSATED) + end() + path("s q w t e")
+        outer = boundary("bq", "q", COMPENSATED) + element("userTask", "uq", isForCompensation="true")
+        return text + (outer + element("association", "xq", sourceRef="bq", targetRef="uq") if own else "")
+
+    for before, after, undoing in ((False, True, "uq"), (True, False, "ua")):
+        new = Migrated(Run(inner(before)).run(), inner(after))
+        new.simulation.complete("w")
+        assert new.waiting == [undoing]
 
 
 def test_a_preview_changes_nothing() -> None:

@@ -17,7 +17,7 @@ from fame.bpmn import model
 from fame.dataclasses import dataclass, field
 from fame.engine import waiting
 from fame.engine.adhoc import NEXT
-from fame.engine.compensation import ROLL_BACK
+from fame.engine.compensation import ROLL_BACK, handler_of
 from fame.engine.encoding import Data
 from fame.engine.interpreter import Engine
 from fame.engine.places import Misplaced, Places
@@ -136,6 +136,7 @@ class _Migration:
         self._scopes, self._waits, self._gone = self._places.scopes, self._places.waits, self._places.gone
         self._begin: list[Data] = []
         self._lost: dict[int, str] = {}  # scopes of elements that are gone: the only token in one may leave it
+        self._forgotten: set[str] = set()
         self._kept: dict[int, int] = {}  # where in `tokens` a scope is that stays, unless its only token leaves it
         self.tokens: list[MigratedToken] = []
         for scope in list(self._scopes.values()):  # outer ones first
@@ -187,6 +188,7 @@ class _Migration:
             items = scope["items"] if isinstance(scope["items"], dict) else {}
             for key in [*joins, *scope["held"], *items.get("todo", ())]:
                 self._check(key, scope)
+            self._check_records(scope, scope["done"] or ())
         for child in list(scope["children"]):
             wait = self._waits.get(child)
             if wait is not None and wait["token"]:
@@ -292,6 +294,32 @@ class _Migration:
         for item in self._data["continuations"]:
             if item["scope"] not in self._gone:
                 self._check(item["node"], self._scopes[item["scope"]])
+
+    # ---- compensation ------------------------------------------------------------------------------------------------
+
+    def _check_records(self, scope: Data, records: Sequence[list[Any]], outer: bool = True) -> None:
+        """Block completed activities that the new model would not undo, unless the plan abandons them."""
+        for node, _, inner in records:
+            element = self._old.by_key[node].id
+            target, now = self._target(element), self._new.by_key.get(self._node(node) or "")
+            undone = handler_of(self._old.by_key[node]) is not None
+            why = ""
+            if not undone and not inner:
+                continue
+            if now is None:
+                why = self._why_not(element)
+            elif undone and handler_of(now) is None and (not inner or scope["body"] is None):
+                why = f"{target} has no compensation handler in the new model"
+            elif outer and not self._places.is_inside(scope, target):
+                why = f"{target} is in another scope in the new model"
+            if not why:
+                self._check_records(scope, inner, False)
+            elif element not in self._forgotten:
+                self._forgotten.add(element)
+                if element in self._plan.abandon:
+                    self._add(element, "abandon", "", f"is completed, and is never undone: {why}")
+                else:
+                    self._block(element, f"is completed, and would never be undone: {why}")
 
     # ---- the new state -----------------------------------------------------------------------------------------------
 
@@ -401,10 +429,11 @@ class _Migration:
         }
 
     def _record(self, record: list[Any]) -> list[Any] | None:
-        """Return a record for compensation, unless its activity is not in the new model."""
+        """Return a record for compensation, unless it is forgotten or its activity is not in the new model."""
         node = self._node(record[0])
         inner = [kept for item in record[2] if (kept := self._record(item)) is not None]
-        return [node, record[1], inner] if node is not None else None
+        gone = node is None or self._old.by_key[record[0]].id in self._forgotten
+        return None if gone else [node, record[1], inner]
 
     def _counts(self, counts: list[int]) -> list[int]:
         """Return the counts of completed elements, by the slots of the new program."""
