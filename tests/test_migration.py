@@ -158,6 +158,28 @@ def test_sub_processes_calls_and_loops_go_over_with_what_is_in_them() -> None:
     assert new.waiting == ["w"]
 
 
+def test_each_token_of_a_repeated_activity_is_listed_once() -> None:
+    several = (
+        "<multiInstanceLoopCharacteristics><loopCardinality>3</loopCardinality></multiInstanceLoopCharacteristics>"
+    )
+    task = start() + element("userTask", "w", several) + path("s w")
+    assert [str(token) for token in Migrated(Run(task).run(), task).tokens] == ["w: keep"] * 3
+    inside = start() + sub("q", several, start("t"), user("w"), path("t w")) + path("s q")
+    said = [str(token) for token in Migrated(Run(inside).run().complete("w"), inside).tokens]
+    assert sorted(said) == ["q: keep", "q: keep", "w: keep", "w: keep"]
+    mapped = task.replace(
+        several,
+        properties(x="1")
+        .replace("properties>", "inputOutput>")
+        .replace(
+            '<camunda:property name="x" value="1"/>', '<camunda:inputParameter name="x">1</camunda:inputParameter>'
+        ),
+    )
+    assert [str(token) for token in Migrated(Run(mapped).run(), mapped).tokens] == ["w: keep"]
+    plan = {"elements": {"w": "restart"}}
+    assert [str(token) for token in Migrated(Run(task).run(), task, plan).tokens] == ["w: restart"]
+
+
 def test_arrivals_at_a_join_go_over_and_a_join_with_other_flows_blocks() -> None:
     fork = start() + gateway("parallel", "g") + user("a") + user("b") + gateway("parallel", "j") + end()
     old = Run(fork + path("s g a j e") + path("g b j")).run().complete("a")

@@ -21,7 +21,7 @@ from fame.engine.compensation import ROLL_BACK, handler_of
 from fame.engine.encoding import Data
 from fame.engine.interpreter import Engine
 from fame.engine.places import Misplaced, Places
-from fame.engine.program import Node, Program
+from fame.engine.program import LoopInstance, Node, Program
 from fame.engine.snapshot import OF_NO_PROGRAM, all_scopes
 from fame.engine.state import RUNNING, Wait
 from fame.engine.steps import ABANDONED
@@ -243,8 +243,9 @@ class _Migration:
             else:
                 entry = self._places.entry(self._scopes[place], target)
                 if stays:
-                    self._kept[item["key"]] = len(self.tokens)
-                    self._add(element, "keep", target, change)
+                    if not _is_wrapper(self._old.by_key[key]) or not self._has_tokens(item):
+                        self._kept[item["key"]] = len(self.tokens)
+                        self._add(element, "keep", target, change)
                     return True
                 if entry is not None:
                     self._leave(item, element, place, entry.key)
@@ -264,6 +265,9 @@ class _Migration:
         if node is not None and (node.boundary is None or not node.boundary.cancels):
             self._block(node.id, f"{node.id} is being cancelled, and has no cancel boundary event in the new model")
         return True
+
+    def _has_tokens(self, scope: Data) -> bool:
+        return any(key in self._scopes or self._waits[key]["token"] for key in scope.get("children", ()))
 
     def _has_other_alternatives(self, item: Data, key: str) -> bool:
         """Return whether an event-based gateway, or a multiple event, waits for other events in the new program."""
@@ -472,6 +476,11 @@ class _Migration:
     def _variables(self, own: Data, outer: int | None) -> Data:
         renamed = {self._plan.rename.get(name, name): value for name, value in own.items()}
         return renamed if outer is not None else {**self._plan.default, **renamed}
+
+
+def _is_wrapper(node: Node) -> bool:
+    """Return whether a scope of this node only repeats a task, or gives it variables: what is in it is listed."""
+    return isinstance(node.spec, LoopInstance) or node.key.endswith(("/loop", "/own"))
 
 
 def arm_new(engine: Engine) -> None:
