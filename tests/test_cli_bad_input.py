@@ -228,6 +228,21 @@ def test_an_endless_file_is_told_in_a_line(capsys: pytest.CaptureFixture[str]) -
     assert "bug in FAME" not in told
 
 
+def test_what_a_robot_of_ones_own_raises_is_told_with_its_file_and_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = "from robots import Car\n\n\nclass Boat(Car):\n    def sense(self, now, count):\n        self.depht += 1\n"
+    (tmp_path / "boat.py").write_text(code)
+    world = "world: {size: [5, 5], robots: {P: {type: 'boat.py:Boat', at: [1, 1]}}}"
+    (tmp_path / "s.yaml").write_text(f"model: m.bpmn\n{world}\n")
+    (tmp_path / "m.bpmn").write_text(process('<startEvent id="s"/><userTask id="u"/>'))
+    assert main(["run", str(tmp_path / "s.yaml")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(
+        f"fame: error: {tmp_path / 'boat.py'}:6: AttributeError: 'Boat' object has no attribute 'depht'"
+    )
+
+
 @pytest.mark.parametrize("name", ["m.bpmn", "m.yaml", "m.mcap", "m.jsonl"])
 def test_a_pipe_with_a_name_is_no_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.mkfifo(tmp_path / name)

@@ -76,9 +76,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         except Exception as error:
             if interrupts:
                 return _report(FameError("interrupted"), error, given, _INTERRUPTED)
+            from fame.config.loader import raised_by_user
             from fame.imports import explained
 
-            if (reason := explained(error)) is not None:
+            if (reason := explained(error) or raised_by_user(error)) is not None:
                 return _report(reason, error, given, 2)
             text = f"{type(error).__name__}: {error} (this is a bug in FAME; set FAME_DEBUG=1 for the traceback)"
             return _report(FameError(text), error, given, 1)

@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import io
 import sys
+import traceback
 from collections.abc import Mapping
 from functools import cache
 from os import PathLike
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 FileKind = Literal["scenario", "world", "node", "learning", "project"]
 """The kinds of configuration files."""
+_USER = "fame_user_"
+"""How the names of modules begin that a configuration names by their files."""
 _KINDS: dict[FileKind, tuple[set[str], str, str]] = {
     "scenario": ({"model"}, "a scenario", "fame run"),
     "world": ({"robots", "size", "bounds"}, "a world", "fame world"),
@@ -184,8 +187,20 @@ def _module(name: str, folder: Path) -> Any:
         raise ConfigError(f"{name} cannot be imported: {reason}") from error
 
 
+def raised_by_user(error: BaseException) -> ConfigError | None:
+    """Return what to say of an error that code from a user's file has raised; None if it is another's."""
+    place: tuple[str, int] | None = None
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        module = str(frame.f_globals.get("__name__"))
+        if module.startswith(_USER):
+            place = frame.f_code.co_filename, line
+        elif module.partition(".")[0] in ("fame", "robots", "sim2d"):
+            place = None
+    return ConfigError(f"{type(error).__name__}: {error}", file=place[0], line=place[1]) if place is not None else None
+
+
 def _from_file(path: Path) -> Any:
-    known = f"fame_user_{path.stem}_{abs(hash(str(path)))}"
+    known = f"{_USER}{path.stem}_{abs(hash(str(path)))}"
     if known in sys.modules:
         return sys.modules[known]
     specification = importlib.util.spec_from_file_location(known, path)
