@@ -24,6 +24,7 @@ from fame.cli.monitor.pipelines import _plot_training, _values_of
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
+from fame.middleware.interface import LATCHED
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import load
@@ -291,6 +292,18 @@ def test_messages_are_published_once_or_at_a_rate(
     assert main(topic) == 0
     assert heard == sent
     assert capsys.readouterr().out.startswith(f"/x: {len(sent)} message")
+
+
+def test_a_latched_message_is_shown_that_was_published_before(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    monkeypatch.setattr(ros, "connected", lambda arguments: nullcontext((scheduler, middleware)))
+    publisher = middleware.node("map_server").publisher("/map_name", "std_msgs/msg/String", LATCHED)
+    publisher.publish(messages.create(publisher.type, "hall"))
+    assert main(["topic", "echo", "/map_name", "--duration", "2"]) == 0
+    assert capsys.readouterr().out == "data: hall\n---\n"
 
 
 @pytest.mark.processes

@@ -16,7 +16,7 @@ from fame.errors import ConfigError, MissionError
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler, WallScheduler
-    from fame.middleware.interface import Middleware
+    from fame.middleware.interface import Middleware, QoS
 
 
 _PARAM_EXAMPLES = ("fame param list /low_pass", "fame param get /low_pass cutoff", "fame param set /low_pass cutoff 5")
@@ -177,6 +177,7 @@ def _list_topics(arguments: Namespace, scheduler: Scheduler, middleware: Middlew
 
 def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.middleware import messages
+    from fame.middleware.qos import requested_of
     from fame.monitor.pipeline.fields import UnusableMessage, reader
     from fame.monitor.pipeline.topic_tools import format_message, parse_path
 
@@ -200,11 +201,13 @@ def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
         if left == 0:
             scheduler.stop()
 
-    return _listen(arguments, scheduler, middleware, type, on_message)
+    offered = next((info.offered for info in middleware.graph() if info.name == arguments.topic), ())
+    return _listen(arguments, scheduler, middleware, type, on_message, requested_of(offered))  # latched ones, too
 
 
 def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.clock import SECOND
+    from fame.middleware.interface import SENSOR_DATA
     from fame.monitor.pipeline.topic_tools import MessageTimes
 
     type = _type(arguments, scheduler, middleware)
@@ -220,7 +223,7 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
         scheduler.after(SECOND, print_rate)
 
     scheduler.after(SECOND, print_rate)
-    code = _listen(arguments, scheduler, middleware, type, on_message)
+    code = _listen(arguments, scheduler, middleware, type, on_message, SENSOR_DATA)
     print(times.text(float("inf")) or f"{arguments.topic}: silent", flush=True)
     return code if len(times.times) > 1 else 1
 
@@ -297,10 +300,10 @@ def _type(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
     return wait_for_types(middleware, scheduler, [arguments.topic])[arguments.topic]
 
 
-def _listen(arguments: Namespace, scheduler: Scheduler, middleware: Middleware, type: str, on_message: Any) -> int:
-    from fame.middleware.interface import SENSOR_DATA
-
-    middleware.node("_fame_topic").subscription(arguments.topic, type, on_message, SENSOR_DATA)
+def _listen(
+    arguments: Namespace, scheduler: Scheduler, middleware: Middleware, type: str, on_message: Any, profile: QoS
+) -> int:
+    middleware.node("_fame_topic").subscription(arguments.topic, type, on_message, profile)
     try:
         _run(arguments, scheduler)
     except KeyboardInterrupt:
