@@ -137,6 +137,13 @@ def test_where_no_task_waits_the_answer_names_what_does():
     assert floor.waiting == ["ask"]
 
 
+def test_a_label_with_a_slip_is_answered_with_what_was_meant():
+    floor = Floor(MODEL.replace('<userTask id="ask"', '<userTask id="ask" name="Messwert prüfen"'))
+    (answer,) = floor.complete("Messwert pruefen")
+    said = "Messwert pruefen: the mission has no such element; did you mean 'Messwert prüfen'?"
+    assert (answer.answer, answer.reason.endswith(said)) == ("refused", True), answer.reason
+
+
 def test_an_element_is_named_by_its_label_if_only_one_has_it():
     labelled = MODEL.replace('"ask"/>', '"ask" name="Confirm&#10;it"/>').replace('"lift"/>', '"lift" name="Lift it"/>')
     floor = Floor(labelled)

@@ -15,6 +15,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
@@ -249,7 +250,12 @@ def _with_ids(request: TaskRequest, node: RobotNode) -> TaskRequest:
         return request
     ids = []
     for name in (request.element, request.to):
-        found = ids_named((one for _, one in node.mission.flow_nodes()), name) or [name]
+        nodes = [one for _, one in node.mission.flow_nodes()]
+        found = ids_named(nodes, name)
+        close = get_close_matches(name, {word for one in nodes for word in (one.label, one.id)}, 1)
+        if close and not found:
+            raise MissionError(f"the mission has no such element; did you mean {close[0]!r}?", element=name)
+        found = found or [name]
         if len(found) > 1:
             raise MissionError(f"is the label of {', '.join(found)}: use an id", element=name)
         ids += found
