@@ -16,7 +16,7 @@ import pytest
 from domains import PROCESSES
 
 from fame.cli import main
-from fame.cli.fleet import doctor, installation
+from fame.cli.fleet import doctor, installation, inventory
 from fame.cli.fleet.doctor import Finding
 from fame.cli.network import interface_of
 from fame.clock import Scheduler
@@ -220,6 +220,14 @@ def test_a_report_of_a_fault_has_what_was_found_and_where(
 def test_a_clock_is_fine_only_where_that_is_known(trip: float, ahead: float, verdict: str) -> None:
     answer = ClockAnswer(round(trip * SECOND), round(ahead * SECOND), {"fame": fame_version(), "protocol": PROTOCOL})
     assert verdicts(doctor.answered("REX", answer)) == [verdict]
+
+
+def test_simulated_time_is_not_compared_with_the_clock_here() -> None:
+    told = {"fame": fame_version(), "protocol": PROTOCOL, "simulated": True}
+    answer = ClockAnswer(2_000_000, -1_795_990_527 * SECOND, told)
+    (found,) = doctor.answered("REX", answer)
+    assert (found.verdict, found.text) == ("ok", "answers after 2.0 ms; its time is that of /clock")
+    assert "simulated" in [*inventory._cells(inventory.item("REX", None, answer, []))]
 
 
 @pytest.mark.parametrize(

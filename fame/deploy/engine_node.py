@@ -74,6 +74,7 @@ from fame.deploy.status import Absences, EngineWarnings, LostEnds, RateLimiter, 
 from fame.deploy.termination import Ready, Silence
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import ENGINE, LATCHED, Middleware, Node
+from fame.middleware.simulated_time import ClockFollower
 from fame.randomness import new_seed, robot_random
 from fame.robot.clock_server import ClockServer
 from fame.robot.robot_state import EVENTS_TOPIC, MODEL_TOPIC
@@ -290,8 +291,10 @@ class EngineNode:
         }
 
     def _machine(self) -> Mapping[str, str | int]:
-        """The name of its computer, and how much is free where it keeps its state (bytes)."""
+        """The name of its computer, how much is free where it keeps its state (bytes), and that time is simulated."""
         found: dict[str, str | int] = {"host": socket.gethostname()}
+        if isinstance(self._time, ClockFollower):
+            found["simulated"] = True
         if self._keeper is not None:
             with suppress(OSError):
                 found["disk"] = shutil.disk_usage(self._keeper.directory.path).free

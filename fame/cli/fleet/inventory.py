@@ -105,7 +105,7 @@ def item(robot: str, report: Report | None, answer: ClockAnswer | None, trusted:
         "fame": fame,
         "protocol": report.protocol if report is not None else told.get("protocol"),
         "state": None, "model": None, "deployment": None, "previous": None, "key": None, "proved": None,
-        "offset": None, "doubt": None,
+        "offset": None, "doubt": None, "simulated": told.get("simulated") is True,
         "free": told.get("disk"),
         "up": None,
     }  # fmt: skip
@@ -127,6 +127,7 @@ def _cells(values: Mapping[str, Any]) -> Iterable[str]:
     before = _NOT_KNOWN if previous is None else str(previous.get("hash", ""))[:12]
     key = {None: "", True: " (proved)", False: " (not proved)"}[values["proved"]]
     clock = _NOT_KNOWN if values["offset"] is None else f"{values['offset']:+.3f} s"
+    clock = "simulated" if values["simulated"] else clock
     free = "" if values["free"] is None else f"{values['free'] / 1e9:.1f} GB"
     up = _NOT_KNOWN if values["up"] is None else _duration(values["up"])
     known = (
