@@ -195,6 +195,12 @@ def test_a_secret_key_that_others_can_read_is_refused(tmp_path):
         read_private(secret)
 
 
+def test_the_public_key_in_place_of_the_secret_one_is_named_so(tmp_path):
+    _, public = new_keys(tmp_path / "k")
+    with pytest.raises(fame.ConfigError, match=r"k\.pub: is the public key, .*; expected the private one"):
+        read_private(public)
+
+
 def test_a_file_of_trust_may_have_comments_several_keys_and_the_line_ends_of_windows(tmp_path):
     pairs = [new_keys(tmp_path / name) for name in ("ann", "bob")]
     texts = [f"# {public.stem}\n{public.read_text()}\n" for _, public in pairs]

@@ -72,7 +72,14 @@ def new_run_key(public: Path) -> Ed25519PrivateKey:
 def read_private(path: Path) -> Ed25519PrivateKey:
     """Return the secret key of a file. Raises ConfigError."""
     ed25519, serialization = _cryptography()
-    key = _read(path, lambda data: serialization.load_pem_private_key(data, None))
+
+    def loaded(data: bytes) -> Any:
+        if b"-----BEGIN PUBLIC KEY-----" in data and b"PRIVATE KEY-----" not in data:
+            text = "is the public key, which others may have; expected the private one (NAME.key)"
+            raise ConfigError(text, file=str(path))
+        return serialization.load_pem_private_key(data, None)
+
+    key = _read(path, loaded)
     if os.name == "posix" and stat.S_IMODE(path.stat().st_mode) & 0o077:
         raise ConfigError(
             f"others can read it, or write it: chmod 600 {path.name}, if it is still a secret", file=str(path)
