@@ -12,9 +12,10 @@ from monitor_runs import told, write_runs
 
 from fame.cli import main
 from fame.errors import ConfigError
+from fame.monitor import judge_report
 from fame.monitor.data_files import LabelledRun, read_labelled_runs
 from fame.monitor.drift import Drift, DriftMonitor
-from fame.monitor.judge import _share, areas, judge_trained
+from fame.monitor.judge import JudgedRun, _share, areas, judge_trained
 from fame.monitor.model_card import card_of, to_markdown
 from fame.monitor.pipeline.band import Band
 from fame.monitor.pipeline.estimators import Autoencoder
@@ -78,6 +79,17 @@ def test_the_report_is_one_static_page_with_plots_of_the_runs(folder: Path, tmp_
     assert "no promise" in text
     for head in ("Figures", "Runs", "Events", "Losses over time", "Model card"):
         assert f"<h2>{head}</h2>" in text
+
+
+@pytest.mark.parametrize(
+    ("label", "wrong", "kind"),
+    [(None, (), "good"), (None, ("x",), "bad"), (1, ("x",), "bad"), (-1, ("x",), "good"), (-1, (), "bad")],
+)
+def test_a_report_has_an_alarm_in_red_unless_it_is_labelled_so(
+    label: int | None, wrong: tuple[str, ...], kind: str
+) -> None:
+    run = JudgedRun(0, "run.csv", 1.0, (), np.ones(1), np.ones((1, 1)), ("a",), label=label, order=wrong)
+    assert f'<td class="{kind}">{run.verdict}</td>' in judge_report._runs([run])
 
 
 def test_an_alarm_is_explained_by_what_the_training_runs_did_at_that_time() -> None:

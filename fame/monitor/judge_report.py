@@ -147,7 +147,7 @@ def _runs(runs: Sequence[JudgedRun]) -> str:
     heads = ("run", "file", "verdict", *(("label", "latency") if labelled else ()), "score", "judged", "length", "")
     rows = []
     for run in runs:
-        right = run.label is None or (run.label == -1) == run.anomalous
+        right = (run.label == -1) == run.anomalous  # without a label, an alarm is none
         verdict = _cell(run.verdict, "good" if right and run.verdict != "not judged" else "bad")
         label = {None: "", 1: "benign", -1: "anomalous"}[run.label]
         latency = "" if run.latency is None else f"{run.latency:.3g} s"
@@ -256,8 +256,11 @@ def _draw_drift(axes: Axes, judgement: JudgedRuns) -> None:
         axes.plot(judgement.drift[:, channel], style, color=colour, linewidth=1.2, label=channels[channel])
     axes.axhline(LIMIT, color="black", linewidth=0.8, linestyle="--", label="limit")
     axes.locator_params(axis="x", integer=True)
-    axes.set(xlabel="benign run", ylabel="cumulative sum", title="Drift (channels with the largest sums)")
-    axes.legend(fontsize=7, frameon=False, ncols=3)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top + 0.5 * (top - bottom))  # for the legend, which is on no line
+    axes.set(xlabel="run, without those labelled anomalous", ylabel="cumulative sum")
+    axes.set(title="Drift (channels with the largest sums)")
+    axes.legend(fontsize=7, frameon=False, ncols=3, loc="upper left")
 
 
 def _band(axes: Axes, labels: Any, scores: Any, curve: Callable[[Any, Any], tuple[Floats, Floats]]) -> None:
