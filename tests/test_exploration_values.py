@@ -321,3 +321,16 @@ def test_what_a_call_maps_out_is_what_the_called_process_has_set(mapping: str, c
     )
     (finding,) = explore(fame.read(text.encode())).findings
     assert (finding.kind, finding.text) == ("unreachable", "P: Z can never be entered")
+
+
+@pytest.mark.parametrize("task", ["userTask", "manualTask"])
+def test_who_completes_a_task_without_a_form_may_set_what_nothing_has_set(task: str) -> None:
+    """Or may not: then the condition fails, which no run has to come to."""
+    text = process(
+        f'<{task} id="U"/><exclusiveGateway id="G" default="N"/><task id="Y"/><task id="Z"/>'
+        '<sequenceFlow id="B" sourceRef="U" targetRef="G"/><sequenceFlow id="N" sourceRef="G" targetRef="Z"/>'
+        '<sequenceFlow id="C" sourceRef="G" targetRef="Y"><conditionExpression>n == 1</conditionExpression>'
+        "</sequenceFlow>"
+    )
+    (finding,) = explore(fame.read(text.encode())).findings
+    assert (finding.level, finding.text) == ("warning", "P: G fails: NameError: name 'n' is not defined")

@@ -20,12 +20,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from fame.bpmn import model
 from fame.bpmn.library import Library
+from fame.bpmn.linked_forms import form_of
 from fame.bpmn.pools import Pool, all_processes
 from fame.bpmn.topics import TopicUse
 from fame.check.explore.behaviours import is_step
 from fame.check.explore.counting import without_items
 from fame.check.explore.decisive import decisive, needed_by_statements
-from fame.check.explore.element_variables import assigned_by, changed_by, filled_in, written_by, written_objects
+from fame.check.explore.element_variables import assigned_by, changed_by, written_by, written_objects
 from fame.check.explore.error_codes import computed_codes
 from fame.check.explore.failures import Failures, Guarded, in_order
 from fame.check.explore.slicing import may_fail, skipped, sliced, without_operations
@@ -80,6 +81,7 @@ class Abstraction:
     computed (throwing event, text of its computed code) -> the named codes that it may have
     skipped  script -> a statement that is left out although it may raise
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
+    formless tasks without a form: a person may set any other variable, too
 
     Elements are known by their ids alone, so that what two processes with one id add is joined.
     """
@@ -98,6 +100,7 @@ class Abstraction:
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
     given: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+    formless: set[str] = field(default_factory=set)
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _rewritten: dict[tuple[str, int], tuple[model.Process, model.Process]] = field(default_factory=dict)
 
@@ -192,7 +195,9 @@ class _Rewriter:
             case model.Task(kind="service"):
                 self.to.steps[step_name(self.home.file, node.id)] = self._service(node, guarded)
             case model.Task(kind="user" | "manual"):
-                self.to.given[node.id] |= {*filled_in(node, guarded.body)}
+                fields = {field.key.partition(".")[0] for field in form_of(self.home, node.human) if field.key}
+                self.to.given[node.id] |= fields.union(written_objects(node, guarded.body))
+                self.to.formless.update(() if fields else (node.id,))
         return node
 
     def _event(self, event: model.Event) -> model.Event:

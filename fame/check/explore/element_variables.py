@@ -21,12 +21,6 @@ def written_objects(node: model.FlowNode, body: model.Body) -> tuple[str, ...]:
     return tuple(name for item in body.data_objects if item.id in node.data_outputs for name in item.names)
 
 
-def filled_in(task: model.Task, body: model.Body) -> tuple[str, ...]:
-    """Return the variables that a person sets who completes a task."""
-    form = (field.key.partition(".")[0] for field in task.human.form if field.key)
-    return (*form, *written_objects(task, body))
-
-
 def used_besides_texts(node: model.FlowNode, body: model.Body) -> Iterator[str]:
     """Yield the variables that an element uses besides its texts."""
     yield from node.sets()

@@ -156,6 +156,9 @@ class ExplorationHost:
         """Whether `Watched` variables note all that texts read and write."""
         self.given: Mapping[str, Set[str]] = model.given
         """What a person sets who completes a task, see `Abstraction`."""
+        self.formless: Set[str] = model.formless
+        self.names: Set[str] = frozenset()
+        """All variables that decide something."""
         self.kept: Callable[[str], bool] = lambda name: True
         self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
@@ -469,6 +472,14 @@ class ExplorationHost:
             value = variables.get(name)
             if not is_unknown(value) and not is_fixed(value):
                 variables[name] = self.values.unknown
+
+    def answers(self, task: str, variables: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a person sets who completes a task; of one without a form, what nothing has set perhaps not."""
+        names = {*self.given.get(task, ())}
+        if task in self.formless:
+            self.place, unset = task, {name for name in self.names - names if name not in variables}
+            names |= self.names - (unset if unset and self.choose(2) else set())
+        return dict.fromkeys(sorted(names), self.values.unknown)
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
         running = Running(self.steps.get(operation) or self.steps.get(step_name(file, element)) or AbstractStep())

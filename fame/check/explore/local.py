@@ -92,7 +92,7 @@ class Local:
         self.host.remembered = remembered(self.bodies)
         self.host.memory = Memory(self.host.remembered)
         self.kept: frozenset[str] = model.kept[pool.name].union(self.host.remembered)
-        self.host.kept = self.kept.__contains__
+        self.host.kept, self.host.names = self.kept.__contains__, model.kept[pool.name]
         self.body, self.unhandled = explored.body, model.failures.unhandled
         file = definitions.file
         self.program: Program = compile_program(explored, host=host, library=model.find, file=file, observed=observed)

@@ -43,8 +43,8 @@ def apply(engine: Engine, stimulus: Stimulus, host: ExplorationHost) -> None:
 
 def _person(engine: Engine, element: str, host: ExplorationHost) -> None:
     """A person completes a task: what it asks for is unknown, and any variable that is visible may have changed."""
-    for wait in (wait for instance in engine.instances.values() for wait in instance.waits()):
-        if wait.node.id == element:
-            for name in host.memory.readers:
-                host.memory.set(name, owner_of(wait.scope.variables, name))
-    engine.complete_task(element, dict.fromkeys(host.given.get(element, ()), host.values.unknown))
+    waits = [wait for one in engine.instances.values() for wait in one.waits() if wait.node.id == element]
+    for wait in waits:
+        for name in host.memory.readers:
+            host.memory.set(name, owner_of(wait.scope.variables, name))
+    engine.complete_task(element, host.answers(element, waits[0].scope.variables))
