@@ -1,6 +1,7 @@
 """The reduced search finds what the full search finds, on collaborations made at random."""
 
 import pytest
+from bpmn_text import extensions, process
 from collaborations import Steps, generated, philosophers, team, text_of, varied, with_lists
 from compare_explorations import verdicts
 
@@ -158,3 +159,34 @@ def test_what_only_changes_a_value_may_fail(failing: str) -> None:
     alone = {"A": ["run x = []", "work", f"run {failing}", "work", "run x = [1]", ("if", "len(x) > 3", ["work"], [])]}
     found = explore(fame.read(text_of(alone).encode()), delivery="run", samples=False)
     assert [one.kind for one in found.findings if one.level == "error"] == ["error"]
+
+
+_OUTPUT = '<camunda:inputOutput><camunda:outputParameter name="n">5</camunda:outputParameter></camunda:inputOutput>'
+
+
+def _asks(name: str, after: str = "") -> str:
+    return extensions(f'<camunda:formData><camunda:formField id="{name}" type="long"/></camunda:formData>{after}')
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [
+        f'<userTask id="U">{_asks("n")}</userTask>',
+        '<manualTask id="U"/>',
+        f'<userTask id="U">{_asks("x", _OUTPUT)}</userTask>',
+        '<intermediateCatchEvent id="U"><signalEventDefinition signalRef="Sig"/></intermediateCatchEvent>',
+    ],
+    ids=["form", "anything", "mapping", "message"],
+)
+def test_what_a_branch_sets_that_another_one_reads_is_set_before_it_and_after_it(sets: str) -> None:
+    """Only before: what comes behind a decision on the value that is set later was called unreachable."""
+    ways = [("S", "I"), ("I", "F"), ("F", "W"), ("F", "U"), ("W", "G"), ("U", "X")]
+    text = process(
+        '<startEvent id="S"/><scriptTask id="I"><script>n = 0</script></scriptTask><parallelGateway id="F"/>'
+        f'<userTask id="W">{_asks("x")}</userTask>{sets}<exclusiveGateway id="G" default="N"/><task id="X"/>'
+        + "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ways)
+        + '<task id="Y"/><task id="Z"/><sequenceFlow id="N" sourceRef="G" targetRef="Z"/><sequenceFlow id="GY" '
+        'sourceRef="G" targetRef="Y"><conditionExpression>n != 0</conditionExpression></sequenceFlow>',
+        '<signal id="Sig" name="~/n"/>',
+    )
+    assert [one.text for one in explore(fame.read(text.encode())).findings if one.kind == "unreachable"] == []

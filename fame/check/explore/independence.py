@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from fame.bpmn import model
+from fame.check.explore.element_variables import used_besides_texts
 from fame.check.explore.graph import reachable
 from fame.check.explore.local import Local
 from fame.check.expressions import expressions_in
@@ -31,7 +32,7 @@ class Structure:
     """The elements of a robot's process: what follows each, what it touches, in which sub-processes it is."""
 
     def __init__(self, local: Local) -> None:
-        self._kept = local.kept
+        self._kept, self._host = local.kept, local.host
         self._after: dict[str, set[str]] = {}
         self._touched: dict[str, _Touched] = {}
         self._around: dict[str, tuple[str, ...]] = {}  # ids of the sub-processes around an element, inner first
@@ -64,6 +65,7 @@ class Structure:
                 self._touched[element].add(_Touched(set(reads) & self._kept, set(use.effects.sets) & self._kept))
         for node in body.nodes:
             self._nodes[node.id] = node
+            self._touched[node.id].writes |= {*used_besides_texts(node, body)} & self._kept
             self._add_node(node, owner, around)
         if any(node.defined(model.ConditionalDefinition) for node in body.nodes):
             self._restless.add(owner)
@@ -93,7 +95,8 @@ class Structure:
         if isinstance(node, model.Task):
             if node.script is not None and node.script.language == "javascript":
                 self._restless.add(owner)
-            self._touched[node.id].writes |= {node.result_variable} & self._kept
+            given = self._host.names if node.id in self._host.formless else self._host.given.get(node.id, set())
+            self._touched[node.id].writes |= {node.result_variable, *given} & self._kept
 
     def commutes(self, element: str, reached: set[str], others: list[str]) -> bool:
         """Return whether a step of the token at an element, to where it waits next, commutes with
