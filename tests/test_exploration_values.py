@@ -334,3 +334,61 @@ def test_who_completes_a_task_without_a_form_may_set_what_nothing_has_set(task: 
     )
     (finding,) = explore(fame.read(text.encode())).findings
     assert (finding.level, finding.text) == ("warning", "P: G fails: NameError: name 'n' is not defined")
+
+
+def _may_be(condition: str, task: str, called: str = "") -> set[str]:
+    """Where a gateway with a condition may lead after `n = 0` and a task: to Y if it is true, else to Z."""
+    ways = (("S", "I"), ("I", "T"), ("T", "G"))
+    text = process(
+        f'<startEvent id="S"/><scriptTask id="I"><script>n = 0</script></scriptTask>{task}'
+        + "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ways)
+        + '<exclusiveGateway id="G" default="N"/><task id="Y"/><task id="Z"/>'
+        '<sequenceFlow id="N" sourceRef="G" targetRef="Z"/>'
+        f'<sequenceFlow id="M" sourceRef="G" targetRef="Y"><conditionExpression>{condition}</conditionExpression>'
+        "</sequenceFlow>",
+        f'<process id="Q">{called}</process><message id="R" name="~/r"/>' if called else "",
+    )
+    found = explore(fame.read(text.encode()), delivery="run").findings
+    assert {one.kind for one in found} <= {"unreachable"}
+    return {"Y", "Z"}.difference(place.element for one in found for place in one.places)
+
+
+IN_JAVASCRIPT = [
+    'let v = this.environment.variables; v["n"] = 3',
+    "const {variables} = this.environment; variables.n = 3",
+    "const me = this; me.environment.variables.n = 3",
+    'const e = this["environment"]; e["variables"]["n"] = 3',
+    "(function(o) { o.n = 3 }).call(null, this.environment.variables)",
+    "let {environment: {variables: w}} = this; w.n = 3",
+    "Reflect.set(environment.variables, 'n', 3)",
+    'globalThis["environment"].variables.n = 3',
+    "this.env\\u0069ronment.variables.n = 3",
+]
+
+
+@pytest.mark.parametrize("text", IN_JAVASCRIPT)
+def test_javascript_that_is_not_understood_may_set_every_variable(text: str) -> None:
+    script = f'scriptFormat="javascript"><script>{text.replace("<", "&lt;")}; next()</script></scriptTask>'
+    assert _may_be("n == 3", f'<scriptTask id="T" {script}') == {"Y", "Z"}
+    waits = '<sequenceFlow id="UJ" sourceRef="U" targetRef="J"/><receiveTask id="U" messageRef="R"/>'
+    called = f'{waits}<scriptTask id="J" {script}'
+    assert _may_be("n == 3", '<callActivity id="T" calledElement="Q"/>', called) == {"Y", "Z"}
+
+
+def test_javascript_that_is_understood_sets_what_it_names() -> None:
+    text = "const env = this.environment.variables; env.k = this.content.id; console.log(env.n); next()"
+    script = f'<scriptTask id="T" scriptFormat="javascript"><script>{text}</script></scriptTask>'
+    assert _may_be("n == 3", script) == {"Z"}
+
+
+OUTPUT = '<camunda:inputOutput><camunda:outputParameter name="n">3</camunda:outputParameter></camunda:inputOutput>'
+
+
+@pytest.mark.parametrize(
+    "inside",
+    ['<userTask id="U"/>', f'<userTask id="U">{ASKED_FOR["its form"].replace("approved", "n")}</userTask>',
+     f'<userTask id="U">{extensions(OUTPUT)}</userTask>'],
+)  # fmt: skip
+def test_what_a_called_process_lets_people_set_and_maps_is_unknown(inside: str) -> None:
+    """The call is one step."""
+    assert _may_be("n == 3", '<callActivity id="T" calledElement="Q"/>', inside) == {"Y", "Z"}

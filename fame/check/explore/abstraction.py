@@ -35,7 +35,7 @@ from fame.check.expressions import cover_all
 from fame.dataclasses import dataclass, field, fields, replace
 from fame.engine.data import variable_name
 from fame.errors import FameError
-from fame.scripting.effects import effects_of
+from fame.scripting.effects import effects_of, script_effects
 
 STEP = "explored step "
 """Begins the names of the services that take the place of behaviours."""
@@ -51,6 +51,7 @@ class AbstractStep:
     used     others whose values it uses: they count as changed when it completes, which gives fewer states
     codes    error codes that it may raise
     emits    (topic, whether it is certain if it completes): what it has published when it ends
+    open     whether it may set any other variable, too
     """
 
     writes: tuple[str, ...] = ()
@@ -59,6 +60,7 @@ class AbstractStep:
     used: tuple[str, ...] = ()
     codes: tuple[str, ...] = ()
     emits: tuple[tuple[str, bool], ...] = ()
+    open: bool = False
 
 
 def step_name(file: str, element: str) -> str:
@@ -195,7 +197,7 @@ class _Rewriter:
             case model.Task(kind="service"):
                 self.to.steps[step_name(self.home.file, node.id)] = self._service(node, guarded)
             case model.Task(kind="user" | "manual"):
-                fields = {field.key.partition(".")[0] for field in form_of(self.home, node.human) if field.key}
+                fields = _asked_by(self.home, node)
                 self.to.given[node.id] |= fields.union(written_objects(node, guarded.body))
                 self.to.formless.update(() if fields else (node.id,))
         return node
@@ -247,15 +249,22 @@ class _Rewriter:
                 return call
         except FameError:  # the compiler refuses it
             return call
-        processes = [process for _, process in self.to.library.closure(*called)]
+        inside = [*self.to.library.closure(*called)]
+        processes = [process for _, process in inside]
         name, codes = step_name(self.home.file, call.id), self.to.failures.of_call(call, called, processes, guarded)
-        self.to.steps[name] = replace(self._call_variables(call, processes), codes=codes)
+        self.to.steps[name] = replace(self._call_variables(call, inside), codes=codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         return model.Task(kind="service", operation=name, **kept | {"io": None, "copies_out": (), "required": ()})
 
-    def _call_variables(self, call: model.CallActivity, processes: Sequence[model.Process]) -> AbstractStep:
+    def _call_variables(
+        self, call: model.CallActivity, inside: Sequence[tuple[model.Definitions, model.Process]]
+    ) -> AbstractStep:
         """What a call does to variables: with a mapping only its outputs are set, and only when it ends."""
-        writes = {name for process in processes for name in written_by(process)}
+        processes = [process for _, process in inside]
+        asked = [_asked_by(home, node) for home, process in inside for node in process.body.walk()
+                 if isinstance(node, model.Task) and node.kind in ("user", "manual")]  # fmt: skip
+        writes = {name for process in processes for name in written_by(process)}.union(*asked)
+        is_open = not all(asked) or any(script_effects(node).open for one in processes for node in one.body.walk())
         changes = self._with_aliases(name for process in processes for name in changed_by(process))
         used = self._with_aliases(name for process in processes for name in assigned_by(process))
         results = set[str]()
@@ -264,12 +273,17 @@ class _Rewriter:
                 given = {name for item in call.io.inputs for name in effects_of(item.source).reads}
                 changes, used = (given if names else set() for names in (changes, used))
             results = {item.target for item in call.io.outputs} | (writes if call.io.all_out else set())
-            writes = set()
-        return AbstractStep(in_order(writes), in_order(changes), in_order(results), in_order(used))
+            writes, is_open = set(), is_open and call.io.all_out
+        return AbstractStep(in_order(writes), in_order(changes), in_order(results), in_order(used), open=is_open)
 
     def _with_aliases(self, names: Iterable[str]) -> set[str]:
         given = {*names}
         return given.union(*(self.to.facts.aliases.of((name, False)) for name in given))
+
+
+def _asked_by(home: model.Definitions, task: model.Task) -> set[str]:
+    """The variables of the form of a task."""
+    return {field.key.partition(".")[0] for field in form_of(home, task.human) if field.key}
 
 
 def _with_way_out(gateway: model.Gateway, body: model.Body) -> model.Gateway:

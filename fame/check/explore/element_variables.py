@@ -43,11 +43,9 @@ def written_by(process: model.Process) -> Iterator[str]:
     """Yield the variables that a called process may set, or change in place where that is certain."""
     for node in process.body.walk():
         yield from script_effects(node).writes
+        yield from used_besides_texts(node, process.body)
         if isinstance(node, model.Task) and node.result_variable:
             yield node.result_variable
-        for topic, throws in node.topics():
-            if not throws:
-                yield from taken(node, topic, process.body)
     for body in process.body.bodies():
         for item in body.data_objects:
             yield from item.names

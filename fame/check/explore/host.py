@@ -224,13 +224,16 @@ class ExplorationHost:
         return self._remembering(made, key) if key in self.remembered else made
 
     def _expression(self, expression: Expression, element: str, file: str) -> Callable[..., Any]:
+        effects = effects_of(expression)
+        changes = tuple(sorted(effects.changes | effects.may_change))
+        step = AbstractStep(tuple(sorted(effects.sets)), changes, open=effects.open)
         if expression.language == "javascript":
-            return self._uncomputed(element)
+            return self._uncomputed(element, step)
         if expression.language == "python":
             run = compile_expression(asking(expression, "eval"), file=file, element=element)
             if not is_computable(expression, self.fields, "eval"):
-                return self._uncomputed(element)
-            return self._python(run, effects_of(expression).reads, element)
+                return self._uncomputed(element, step)
+            return self._python(run, effects.reads, element)
         run = compile_expression(expression, file=file, element=element)
         if expression.language == "payload":
             return self._checked(run, expression, element, open_to=_inserted_whole(expression.text))
@@ -290,9 +293,10 @@ class ExplorationHost:
         chosen = self.choose(1 + len(named)) if named else 0
         return named[chosen - 1] if chosen else MARK
 
-    def _uncomputed(self, element: str) -> Callable[..., Any]:
+    def _uncomputed(self, element: str, step: AbstractStep) -> Callable[..., Any]:
         def evaluate(variables: dict[str, Any]) -> Any:
             self.compute(element)
+            self._begin_step(step, variables)
             return self.values.unknown
 
         return evaluate
@@ -364,7 +368,7 @@ class ExplorationHost:
         dropped = (
             quiet
             and element not in self.caught
-            and not fails_alone(script)
+            and not (step.open or fails_alone(script))
             and not any(map(self.kept, step.writes if computable else (*step.writes, *step.changes)))
         )
         if dropped:
@@ -460,6 +464,8 @@ class ExplorationHost:
         self.memory.change(step.changes)
         self._set_unknown(step.writes, variables)
         self._change(step.changes, variables)
+        if step.open:
+            self._set_unknown(sorted(self._any(variables)), variables)
 
     def _set_unknown(self, names: Iterable[str], variables: dict[str, Any]) -> None:
         for name in names:
@@ -475,11 +481,14 @@ class ExplorationHost:
 
     def answers(self, task: str, variables: Mapping[str, Any]) -> dict[str, Any]:
         """Return what a person sets who completes a task; of one without a form, what nothing has set perhaps not."""
-        names = {*self.given.get(task, ())}
-        if task in self.formless:
-            self.place, unset = task, {name for name in self.names - names if name not in variables}
-            names |= self.names - (unset if unset and self.choose(2) else set())
+        self.place, names = task, self.given.get(task, set())
+        names = names | self._any(variables, names) if task in self.formless else names
         return dict.fromkeys(sorted(names), self.values.unknown)
+
+    def _any(self, variables: Mapping[str, Any], besides: Set[str] = frozenset()) -> set[str]:
+        """All variables; those that nothing has set perhaps not."""
+        unset = {name for name in self.names if name not in variables and name not in besides}
+        return {*self.names} - (unset if unset and self.choose(2) else set())
 
     def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
         running = Running(self.steps.get(operation) or self.steps.get(step_name(file, element)) or AbstractStep())
@@ -572,6 +581,7 @@ class ExplorationHost:
     # ---- the rest ------------------------------------------------------------------------------------
 
     def run(self, key: int, script: Any) -> None:
+        self.place = self.engine.waits[key].node.id
         self._begin_step(script.step, self.engine.waits[key].scope.variables)
 
     def cancel(self, key: int) -> bool:
@@ -635,7 +645,8 @@ def step_of(script: Expression) -> AbstractStep:
     effects = effects_of(script, script=True)
     emits = tuple((topic, topic in effects.certain) for topic in effects.publishes)
     changes = tuple(sorted(effects.changes | effects.may_change))
-    return AbstractStep(tuple(sorted(effects.writes)), changes, codes=tuple(sorted(effects.codes or ())), emits=emits)
+    codes = tuple(sorted(effects.codes or ()))
+    return AbstractStep(tuple(sorted(effects.writes)), changes, codes=codes, emits=emits, open=effects.open)
 
 
 def _at(value: Any, path: str, lists: bool) -> Any:

@@ -33,6 +33,9 @@ _UNKNOWN = " environment "
 """In place of what is not understood: it makes the names open."""
 _NAME = r"[^\W\d][\w$]*"
 _BEHIND = r"(?<![\w$])(?:(?:this|\w+)\s*\.\s*)?environment\s*\??\.\s*variables\b"
+_OF_THIS = r"\bthis\s*\.\s*(?:clearTimeout|console|content|fields|id|logger|next|properties|setTimeout|type)\b"
+_REACHES_ALL = re.compile(r"\b(?:constructor|environment|eval|Function|globalThis|import|this)\b|\\")
+"""How a text gets at all variables by other ways than `_BEHIND`; a backslash hides a word."""
 _OVER = r"\s*(?=[;,}]|\n(?!\s*[.?\[(])|$)"
 _ALIAS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*{_BEHIND}{_OVER}")
 _FIELD = rf"\s*{_NAME}\s*(?::\s*{_NAME}\s*)?(?:=\s*(?:\"\"|-?[\d.]+|true|false|null)\s*)?"
@@ -189,7 +192,7 @@ def _search(text: str) -> _Found:
     code = _TAKEN.sub(lambda found: "" if found[2] is None or found[2] in aliases else found[0], code)
     accessed, sets, is_open = _accesses(code, objects)
     reads |= accessed
-    is_open |= "environment" in re.sub(_BEHIND, "", code)
+    is_open |= _REACHES_ALL.search(re.sub(rf"{_BEHIND}|{_OF_THIS}", "", code)) is not None
     functions = _FUNCTION.search(code) is not None
     members = re.sub(rf"(?:{objects})\s*\??\.\s*", "$", code)
     in_place = _IN_PLACE.search(_HARMLESS.sub("", members)) is not None or re.search(r"[\w$\])]\s*`", text) is not None
