@@ -163,8 +163,9 @@ def test_feedback_may_be_taken_field_by_field(here: World, place: Place) -> None
     assert instance.variables["remaining"] == instance.variables["state"].remaining == 2.0
 
 
-def test_errors_gives_the_outcome_another_code(here: World, place: Place) -> None:
-    instance = place.run(drive("-1", errors="{rejected: wrong_way}"))
+@pytest.mark.parametrize("errors", ["{rejected: wrong_way}", "{0: aborted_without_number, rejected: wrong_way}"])
+def test_errors_gives_the_outcome_another_code(errors: str, here: World, place: Place) -> None:
+    instance = place.run(drive("-1", errors=errors))
     end = place.end(instance)
     assert (end.status, end.error.code) == ("failed", "wrong_way")
 

@@ -166,7 +166,7 @@ def renamed_codes(task: Task) -> Mapping[str | int, str]:
 def _renamed(error: BpmnError, codes: Mapping[str | int, str]) -> BpmnError:
     """The error with the code that the task gives it, and what the result of a goal says."""
     result = error.result if isinstance(error, GoalError) else None
-    number = getattr(result, "error_code", 0) if error.code == "aborted" else 0
+    number = getattr(result, "error_code", 0) if error.code == "aborted" else ""  # that of no other outcome
     text = getattr(result, "error_msg", "")
     reason = f"error code {number}{f', {text}' if text else ''}" if number else text
     message = f"{error.message} ({reason})" if reason else error.message
