@@ -10,11 +10,13 @@ from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from bpmn_text import document, properties
 from collaborations import text_of
 from mcap.records import Channel, Schema
 from recorded_runs import record
@@ -230,6 +232,79 @@ def test_signals_relate_the_robots_that_sent_and_received_them(run: Path) -> Non
     assert all(("sender", "robot:Drone") in found for found in of_weeds)
     types = {each["id"]: each["type"] for each in log["objects"]}
     assert {"robot", "instance", "signal"} <= set(types.values())
+
+
+def event(tag: str, id: str, definition: str = '<signalEventDefinition signalRef="S"/>', inner: str = "") -> str:
+    tag, _, attributes = tag.partition(" ")
+    return f'<{tag} id="{id}" name="{id}" {attributes}>{inner}{definition}</{tag}>'
+
+
+def chain(*ids: str) -> str:
+    return "".join(
+        f'<sequenceFlow id="{one}_{other}" sourceRef="{one}" targetRef="{other}"/>' for one, other in pairwise(ids)
+    )
+
+
+def pause(id: str, seconds: float) -> str:
+    length = f"<timerEventDefinition><timeDuration>PT{seconds}S</timeDuration></timerEventDefinition>"
+    return event("intermediateCatchEvent", id, length)
+
+
+THROWS = "".join(event("intermediateThrowEvent", f"t{number}") for number in range(4))
+WAITS = '<startEvent id="s"/><userTask id="u"/>' + chain("s", "u")
+CATCHES = {
+    "intermediate": (
+        '<startEvent id="s"/>' + "".join(event("intermediateCatchEvent", id) for id in "ab") + chain("s", "a", "b"),
+        ["a: 0", "b: 1"],
+    ),
+    "boundary": (
+        WAITS + event('boundaryEvent attachedToRef="u" cancelActivity="false"', "b"),
+        ["b: 0", "b: 1", "b: 2", "b: 3"],
+    ),
+    "event sub-process": (
+        f"""{WAITS}<subProcess id="h" triggeredByEvent="true">
+            {event('startEvent isInterrupting="false"', "c")}</subProcess>""",
+        ["c: 0", "c: 1", "c: 2", "c: 3"],
+    ),
+    "start": (event("startEvent", "c"), ["c: 0", "c: 1", "c: 2", "c: 3"]),
+    "queue": (
+        f"""<startEvent id="s"/>{pause("w", 1.5)}
+            {event("intermediateCatchEvent", "a", inner=properties(queue="2"))}{event("intermediateCatchEvent", "b")}
+            {chain("s", "w", "a", "b")}""",
+        ["a: 1", "b: 3"],  # 0 is no longer kept, and none that came before at b
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", CATCHES)
+def test_every_kind_of_event_receives_the_signals_that_it_takes(kind: str, tmp_path: Path) -> None:
+    """Two signals at 0 s, one at 1 s, one at 2 s. What is sent stands before what it causes, behind what causes it."""
+    catches, expected = CATCHES[kind]
+    sends = f"""<process id="P" isExecutable="true"><startEvent id="s0"/>{THROWS}{pause("w1", 1)}{pause("w2", 1)}
+        <scriptTask id="x" name="x"><script>pass</script></scriptTask>
+        {chain("s0", "x", "t0", "t1", "w1", "t2", "w2", "t3")}</process>"""
+    pools = '<participant id="A" name="A" processRef="P"/><participant id="B" name="B" processRef="Q"/>'
+    model = document(
+        f"""<collaboration id="C">{pools}</collaboration>{sends}
+            <process id="Q" isExecutable="true">{catches}</process><signal id="S" name="go"/>"""
+    )
+    (tmp_path / "m.bpmn").write_text(model)
+    record(Scenario.load(tmp_path / "m.bpmn", duration=5), tmp_path / "run.mcap")
+    log = json.loads(converted(tmp_path, ".ocel.json").read_text())
+    sent = [one["id"] for one in log["objects"] if one["type"] == "signal"]
+    assert len(sent) == 4
+    found, kinds = [], [one["type"] for one in log["events"]]
+    for number, one in enumerate(log["events"]):
+        if one["type"] == "signal received":
+            (signal,) = (each["objectId"] for each in one["relationships"] if each["qualifier"] == "signal")
+            found.append(f"{kinds[number + 1]}: {sent.index(signal)}")
+            throw = next(
+                place for place, each in enumerate(log["events"]) if each["relationships"][0]["objectId"] == signal
+            )
+            assert throw < number
+    assert found == expected
+    sends_and_throws = [each for each in kinds if each in ("x", "signal sent", "t0", "t1", "t2", "t3")]
+    assert sends_and_throws == ["x", *(each for number in range(4) for each in ("signal sent", f"t{number}"))]
 
 
 def told(parts: list[str], capsys: pytest.CaptureFixture[str]) -> str:

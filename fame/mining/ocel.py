@@ -9,7 +9,7 @@ type of event          related objects
 =====================  =================================================================================
 label of an element    the robot, the instance; attribute ``lifecycle`` is start, complete, abort or fail
 ``signal sent``        the signal, its robot (sender); attribute ``topic``
-``signal received``    the signal, the robot and the instance whose token waited for it
+``signal received``    the signal, the robot and the instance of the token that took it
 ``goal sent``,         the goal, the robot, the instance; attribute ``action``
 ``goal ended``
 =====================  =================================================================================
@@ -45,6 +45,7 @@ from fame.log.recording import RecordedMessage, Recording
 from fame.log.team_state import TeamState
 from fame.log.writing import OCEL_RECORDING
 from fame.mining.mission_level import MissionLevel
+from fame.mining.signals import Signals
 from fame.robot.events import ENDED
 from fame.text import suggestion
 
@@ -99,18 +100,21 @@ def write_ocel(
     """
     signals = {topic.name: topic.type for topic in recording.topics.values() if topic.encoding == "cdr"}
     epoch = parse_datetime(recording.metadata["epoch"]) if "epoch" in recording.metadata else EPOCH
-    log, elements, caught = _Log(epoch, _Variables(named, str(recording.file))), element_info(models), _Catching()
+    log, elements = _Log(epoch, _Variables(named, str(recording.file))), element_info(models)
+    caught = _Catching(Signals(models))
     messages = recording.messages((KEY, EVENTS, VARIABLES, WAITING, *signals))
     for _, group in groupby(messages, attrgetter("time")):
         instant = list(group)
         log.variables.begin(instant)
+        caught.begin()
         for message in instant:
             if message.topic == EVENTS:
-                _add_events(log, message, elements, mission)
+                _add_events(log, message, elements, mission, caught)
             elif message.topic == WAITING:
                 _add_waiting(log, message, caught)
             elif message.topic in signals and (mission is None or mission.has_signal(message)):
                 _add_signal(log, message, signals[message.topic], caught)
+        caught.say(log)
         log.variables.end(instant)
     log.variables.check()
     for verdict in recording.verdicts:
@@ -249,25 +253,57 @@ def _type(name: str, attributes: Mapping[str, str]) -> dict[str, Any]:
 
 @dataclass(slots=True)
 class _Catching:
-    """Tokens that wait for topics, and signals of the present instant that they may have caught."""
+    """Tokens that wait, and the signals of the present instant."""
 
+    taken: Signals
     tokens: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)  # (robot, key) -> token
-    signals: list[tuple[int, str, str]] = field(default_factory=list)  # time, topic, object
+    signals: list[tuple[str, str]] = field(default_factory=list)  # topic, object
+    pending: dict[str, tuple[str, RecordedMessage]] = field(default_factory=dict)  # object -> sender: not yet an event
+
+    def begin(self) -> None:
+        self.signals.clear()
+        self.taken.begin()
+
+    def say(self, log: _Log, robot: str = "", topic: str = "", object: str = "") -> None:
+        """Add the events of signals that were sent: all, one object, or the first of a robot on a topic."""
+        found = [
+            id for id, (sender, each) in self.pending.items() if not topic or (sender, each.topic) == (robot, topic)
+        ]
+        for id in [object] if object else found[: 1 if topic else None]:
+            if id in self.pending:
+                sender, message = self.pending.pop(id)
+                related = {id: "signal"} | ({log.robot(sender, message.time): "sender"} if sender else {})
+                log.event(_SENT, message.time, {"topic": message.topic}, related)
+
+    def receive(self, log: _Log, topic: str, object: str, time: int, place: Mapping[str, str]) -> None:
+        self.say(log, object=object)
+        log.event(_RECEIVED, time, {"topic": topic}, {object: "signal", **place})
 
 
 def _add_events(
-    log: _Log, message: RecordedMessage, elements: Mapping[str, ElementInfo], mission: MissionLevel | None
+    log: _Log,
+    message: RecordedMessage,
+    elements: Mapping[str, ElementInfo],
+    mission: MissionLevel | None,
+    caught: _Catching,
 ) -> None:
     data = message.json()
     robot = data["robot"]
+    for each in data.get("opens", ()):
+        caught.taken.opens(robot, each["scope"], each.get("parent"))
     for group in data["events"]:
         marks = group["marks"]
         for number, (element, what, *detail) in enumerate(marks):
             if what == "start" or what == "end":
                 changed = {"process": element} if what == "start" else {"status": str(detail[0])}
                 log.instance(robot, group["instance"], message.time, changed)
-            elif what in _LIFECYCLE and (mission is None or element in mission.elements):
-                if mission is not None and what == "enter" and marks[number + 1 : number + 2] == [[element, "leave"]]:
+            at_once = marks[number + 1 : number + 2] == [[element, "leave"]]
+            if what == "enter" and not at_once:
+                caught.taken.enter(robot, group["scope"], element)
+            elif what == "leave":
+                _add_topics(log, caught, robot, group, element, message.time)
+            if what in _LIFECYCLE and (mission is None or element in mission.elements):
+                if mission is not None and what == "enter" and at_once:
                     continue  # it completes at once
                 info = elements.get(element)
                 instance = log.instance(robot, group["instance"], message.time, {})
@@ -283,6 +319,15 @@ def _add_events(
                 log.event(name if name not in _EVENT_TYPES else element, message.time, attributes, related)
 
 
+def _add_topics(log: _Log, caught: _Catching, robot: str, group: Mapping[str, Any], element: str, time: int) -> None:
+    """What a token has thrown or caught at an element that it leaves."""
+    for topic in caught.taken.throws(robot, element):
+        caught.say(log, robot, topic)
+    found = caught.taken.taken_by(robot, group["scope"], element)
+    if found is not None:
+        caught.receive(log, *found, time, _place(log, robot, group, time))
+
+
 def _add_verdict(log: _Log, judgement: Mapping[str, Any], time: int) -> None:
     values = {key: judgement[key] for key in _OBJECT_TYPES["property"] if judgement[key] not in (None, "")}
     id = log.object(f"property:{judgement['property']}", "property", time, values)
@@ -291,27 +336,28 @@ def _add_verdict(log: _Log, judgement: Mapping[str, Any], time: int) -> None:
 
 
 def _add_signal(log: _Log, message: RecordedMessage, type: str, caught: _Catching) -> None:
-    number = sum(id.startswith(f"signal:{message.topic}#") for _, _, id in caught.signals)
+    number = sum(topic == message.topic for topic, _ in caught.signals)
     id = f"signal:{message.topic}#{message.time}" + (f"-{number}" if number else "")
     log.object(id, "signal", message.time, {"topic": message.topic, "type": type})
+    caught.signals.append((message.topic, id))
+    caught.taken.add(message.topic, id)
     sender = message.node.split("/")[1] if message.node.count("/") > 1 else ""
-    related = {id: "signal"} | ({log.robot(sender, message.time): "sender"} if sender else {})
-    log.event(_SENT, message.time, {"topic": message.topic}, related)
-    caught.signals = [each for each in caught.signals if each[0] == message.time]
-    caught.signals.append((message.time, message.topic, id))
+    caught.pending[id] = sender, message
+    if not caught.taken.is_thrown(sender, message.topic):
+        caught.say(log, object=id)
 
 
 def _add_waiting(log: _Log, message: RecordedMessage, caught: _Catching) -> None:
-    """Tokens that are gone have caught what was sent at this instant on their topics; goals are sent and end."""
+    """Scripts that are gone have caught what was sent at this instant on their topics; goals are sent and end."""
     data = message.json()
     robot = data["robot"]
     for key in data["gone"]:
         token = caught.tokens.pop((robot, key), None)
         if token is None:
             continue
-        for time, topic, id in caught.signals:
-            if time == message.time and topic in token.get("topics", ()):
-                log.event(_RECEIVED, time, {"topic": topic}, {id: "signal", **_place(log, robot, token, time)})
+        for topic, id in () if caught.taken.catches(token["element"]) else caught.signals:
+            if topic in token.get("topics", ()):
+                caught.receive(log, topic, id, message.time, _place(log, robot, token, message.time))
         if "action" in token:
             _add_goal(log, _GOAL_ENDED, robot, token, message.time)
     for token in data["tokens"]:
