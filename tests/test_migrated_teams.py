@@ -1,5 +1,6 @@
 """A team goes over to another model: all robots or none, previewed, and only if nobody would then wait forever."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -199,6 +200,42 @@ def asked(folder: Path, text: str, *words: str) -> Migration:
     model.write_text(text)
     arguments = parser().parse_args(["deploy", str(model), "--migrate", *words])
     return Migration(arguments, read_text(text, file=str(model)), Library())
+
+
+@pytest.mark.parametrize(
+    ("elements", "said"),
+    [
+        ("ubb: restart", r"p.yaml:2: elements.ubb: no robot runs a model with this element; did you mean 'ub'?"),
+        ("ua: {to: uz9}", r"p.yaml:2: elements.ua.to: the new model has no element uz9; did you mean 'uz2'?"),
+    ],
+)
+def test_a_plan_that_names_what_is_not_there_is_refused_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, elements: str, said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    changed = team("ua").replace("ua2", "uz2")
+    field = Field("A", "B")
+    field.deploy(team("ua"))
+    Path("p.yaml").write_text(f"elements:\n  {elements}\n  ub: keep\n")
+    dry = asked(tmp_path, changed, "--dry-run", "--plan", "p.yaml")
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        dry.show(field.deploy(changed, "d2", 2, options=dry.options))
+    if "to" not in elements:  # else the robot has refused it already
+        refused = asked(tmp_path, changed, "--plan", "p.yaml", "--force")
+        sent = field.deploy(changed, "d3", 3, options=refused.options)
+        assert said in str(sent.robots["A"])
+        assert refused.exit_code(sent) == 2
+    assert [field.engines[robot].deployed for robot in "AB"] == ["d1", "d1"]
+
+
+def test_a_plan_may_name_elements_of_any_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    field = Field("A", "B")
+    field.deploy(team("ua"))
+    Path("p.yaml").write_text("elements:\n  ua: {to: ua}\n  ub: restart\n  sA: keep\n")
+    asking = asked(tmp_path, team("ua"), "--plan", "p.yaml")
+    sent = field.deploy(team("ua"), "d2", 2, options=asking.options)
+    assert (asking.exit_code(sent), waiting(field)) == (0, [["ua"], ["ub"]])
 
 
 def test_force_overrides_what_the_exploration_finds_and_the_logs_say_so(

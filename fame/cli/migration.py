@@ -66,7 +66,7 @@ class Migration:
         self._model, self._definitions, self._library = arguments.model, definitions, library
         self._found: list[Any] = []  # of an exploration
         self._allow_partial: bool = arguments.allow_partial
-        self._partial = False
+        self._partial = self._unmet = False
         plan = read_plan(arguments.plan) if arguments.plan is not None else {}
         if self._force:
             plan = {**plan, "forced": True}  # for the log of each robot
@@ -84,7 +84,12 @@ class Migration:
                 load(EXPLORE_MIGRATED)(self._definitions, self._library, pools, {}, seconds=_PREPARATION)
 
     def _approve(self, pools: Mapping[str, Pool], foreseen: Mapping[str, Foreseen]) -> str:
-        """Explore the state that the robots would have. Called in a thread, while they are held."""
+        """Look at the plan, and explore the state that the robots would have, in a thread, while they are held."""
+        try:
+            self._expect_met(foreseen)
+        except ConfigError as error:
+            self._unmet = True
+            return str(error)
         try:
             result = load(EXPLORE_MIGRATED)(self._definitions, self._library, pools, foreseen)
         except FameError as error:  # nothing is explored
@@ -95,6 +100,13 @@ class Migration:
         reason: str = load(EXPLORE_OBJECTION)(result, partial=self._force or self._allow_partial)
         self._partial = bool(reason) and not self._force and not self._found
         return self._overridable(reason, "--force overrides" if self._found else "--allow-partial or --force overrides")
+
+    def _expect_met(self, foreseen: Mapping[str, Foreseen]) -> None:
+        """Raise ConfigError if the plan names what is not there."""
+        from fame.deploy.migration import expect_met
+
+        if self._plan is not None:
+            expect_met(self._plan, foreseen)
 
     def _overridable(self, reason: str, options: str) -> str:
         """Return why the migration is refused, with the options that override it; empty if --force does."""
@@ -107,7 +119,7 @@ class Migration:
         return "completed" if not deployment.failed else "partial" if self._partial else "failed"
 
     def exit_code(self, deployment: Deployment) -> int:
-        return {"completed": 0, "failed": 1, "partial": NOT_KNOWN}[self.status(deployment)]
+        return 2 if self._unmet else {"completed": 0, "failed": 1, "partial": NOT_KNOWN}[self.status(deployment)]
 
     def explain(self, deployment: Deployment) -> None:
         """Say whether it is refused, what the exploration found, with the run that shows it, and who starts late."""
@@ -133,8 +145,13 @@ class Migration:
         return [load(FINDING_AS_JSON)(one) for one in self._found]
 
     def show(self, deployment: Deployment) -> int:
-        """Print what a dry run has found, and write a plan. Returns the exit code: 1 if it is not possible."""
+        """Print what a dry run has found, and write a plan. Returns the exit code: 1 if it is not possible.
+
+        Raises ConfigError if the plan names what is not there.
+        """
         foreseen = deployment.foreseen
+        if foreseen.keys() >= deployment.robots.keys():  # else what it names may be of a robot that did not answer
+            self._expect_met(foreseen)
         blocked = any(one.blocked for one in foreseen.values())
         failed = deployment.failed or blocked
         if self._json:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.dataclasses import asdict, dataclass, field, fields
-from fame.text import DEPTH, is_deep
+from fame.text import DEPTH, is_deep, suggestion
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
@@ -92,12 +92,16 @@ class Foreseen:
     gone    elements without a token now that have no counterpart: a token that comes there would be blocked
     state   the state in the new program, as `fame.robot.state_transfer.what_becomes` gives it; empty if one is blocked
             or if it is too large to be sent
+    unknown what the plan names and the old model does not have; `without_target`: elements whose new id the new model
+            does not have. With a hint each.
     """
 
     hash: str = ""
     tokens: Sequence[MigratedToken] = ()
     gone: Sequence[MigratedToken] = ()
     state: Mapping[str, Any] = field(default_factory=dict)
+    unknown: Mapping[str, str] = field(default_factory=dict)
+    without_target: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def blocked(self) -> str:
@@ -109,7 +113,8 @@ class Foreseen:
         tokens, gone = (
             [{**asdict(token), "others": list(token.others)} for token in found] for found in (self.tokens, self.gone)
         )
-        return {"hash": self.hash, "tokens": tokens, "gone": gone, "state": self.state}
+        missing = {"unknown": dict(self.unknown), "without_target": dict(self.without_target)}
+        return {"hash": self.hash, "tokens": tokens, "gone": gone, "state": self.state, **missing}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Foreseen:
@@ -123,11 +128,13 @@ class Foreseen:
             return MigratedToken(**{**known, "others": tuple(known.get("others", ()))})
 
         tokens, gone = ([token(each) for each in data.get(name, ())] for name in ("tokens", "gone"))
-        return cls(str(data.get("hash", "")), tokens, gone, data.get("state", {}))
+        missing = (x if isinstance(x := data.get(name), Mapping) else {} for name in ("unknown", "without_target"))
+        return cls(str(data.get("hash", "")), tokens, gone, data.get("state", {}), *missing)
 
 
 def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) -> Foreseen:
     """Return what would become of what runs (`old`, of the model with this hash) in a loaded process."""
+    from fame.engine.migration import kinds
     from fame.robot.state_transfer import gone_elements, what_becomes
 
     parsed = plan_of(plan)
@@ -136,7 +143,24 @@ def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) 
     gone = [token for token in gone_elements(new, old, parsed) if token.element not in there]
     text = json.dumps(state or {})
     sent = len(text) <= _LARGEST and not is_deep(text, DEPTH - _ABOVE)
-    return Foreseen(hash, tokens, gone, (state or {}) if sent else {})
+    before, now = kinds(old.engine.program), kinds(new.engine.program)
+    unknown = {id: suggestion(id, before) for id in (*parsed.to, *parsed.restart, *parsed.abandon) if id not in before}
+    missing = {id: suggestion(to, now) for id, to in parsed.to.items() if id in before and to not in now}
+    return Foreseen(hash, tokens, gone, (state or {}) if sent else {}, unknown, missing)
+
+
+def expect_met(path: Path, foreseen: Mapping[str, Foreseen]) -> None:
+    """Raise ConfigError, with file and line, for an element that no robot runs, or a new id that is in no new model."""
+    from fame.config.loader import read_document
+
+    running = [one for one in foreseen.values() if one.hash]
+    elements = read_document(path).mapping().get("elements")
+    for id, value in (elements.mapping() if elements is not None and running else {}).items():
+        if all(id in one.unknown for one in running):
+            hint = min((one.unknown[id] for one in running), key=lambda hint: not hint.startswith("did you"))
+            raise value.error(f"no robot runs a model with this element; {hint}")
+        for hint in (one.without_target[id] for one in running if id in one.without_target):
+            raise value.required("to", "ID").error(f"the new model has no element {value.data['to']}; {hint}")
 
 
 def migrate_robot(
