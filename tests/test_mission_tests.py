@@ -507,6 +507,15 @@ def test_the_report_of_a_failed_test_has_the_state_of_its_missions(pytester: pyt
     )
 
 
+@pytest.mark.parametrize("full", [False, True])
+def test_what_is_refused_is_shown_at_the_line_of_the_test(pytester: pytest.Pytester, full: bool) -> None:
+    pytester.makepyfile(f"def test_it(mission):\n    mission.load({str(VEHICLES)!r}).stub('Explor')\n")
+    result = pytester.runpytest_inprocess("-p", "fame.testing.plugin", *["--full-trace"] * full)
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*did you mean 'Explore'*"])
+    assert ("fame/testing/mission.py" in result.stdout.str()) == full
+
+
 def test_a_folder_shows_the_runs_of_tests_that_failed(pytester: pytest.Pytester) -> None:
     text = f"""
         import pytest

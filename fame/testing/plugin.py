@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from fame.errors import FameError
+
 if TYPE_CHECKING:
     from fame.testing.coverage import Coverage
     from fame.testing.mission import MissionLoader, MissionUnderTest
@@ -126,10 +128,29 @@ def _folder(factory: pytest.TempPathFactory, name: str) -> Callable[[], Path]:
     return folder
 
 
+def _end_in_test(error: FameError) -> None:
+    """Let the traceback of an error end before FAME's code."""
+    last, place = None, error.__traceback__
+    while place is not None:
+        if str(place.tb_frame.f_globals.get("__name__")).partition(".")[0] != "fame":
+            last = place
+        place = place.tb_next
+    if last is not None:
+        last.tb_next = None
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Any:
-    """Fail a test whose mission violated a property that it does not mention; note what is not decided or used."""
-    result = yield
+    """Fail a test whose mission violated a property that it does not mention; note what is not decided or used.
+
+    What FAME refuses is shown at the line of the test, without FAME's own code.
+    """
+    try:
+        result = yield
+    except FameError as error:
+        if not item.config.getoption("fulltrace"):
+            _end_in_test(error)
+        raise
     loader = item.stash.get(_LOADER, None)
     for loaded in loader.loaded if loader is not None else ():
         loaded.check_properties()
