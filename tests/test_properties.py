@@ -127,6 +127,15 @@ def checked() -> Vocabulary:
     return replace(VOCABULARY, check_field=wrong)
 
 
+def test_all_wrong_sentences_of_a_file_are_told_at_once() -> None:
+    document = parse_document("properties:\n  a: always A.v > 1\n  b: alwys A.v > 1\n  c: A\n")
+    with pytest.raises(ConfigError, match=r"line 3: properties\.b: .* got 'alwys'") as raised:
+        properties_of(document.mapping()["properties"])
+    assert [note.partition(", ")[0] for note in raised.value.__notes__] == [
+        "line 4: properties.c: expected what A does (starts"
+    ]
+
+
 def test_a_label_that_occurs_twice_is_refused_with_the_ids() -> None:
     twice = replace(VOCABULARY.robots["A"], own={"x": "Go To", "y": "Go To"})
     with pytest.raises(ConfigError, match="A has 2 elements labelled 'Go To'; expected an id: x, y"):

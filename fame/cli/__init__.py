@@ -211,5 +211,6 @@ def _report(error: FameError, cause: BaseException, given: Sequence[str], code: 
     if "--json" in given:
         print_json(error_object(error, cause, status))
     else:
-        note(f"fame: {error}" if code == _INTERRUPTED else f"fame: error: {error}")
+        for line in (error, *getattr(error, "__notes__", ())):
+            note(f"fame: {line}" if code == _INTERRUPTED else f"fame: error: {line}")
     return code

@@ -26,11 +26,22 @@ def read_properties(path: str | Path) -> tuple[Property, ...]:
 
 
 def properties_of(value: ConfigValue, poses: tuple[PoseTopic, ...] = ()) -> tuple[Property, ...]:
-    """Return the properties of a mapping from names to sentences. Raises ConfigError with file, line and column."""
-    return tuple(
-        replace(parse(sentence.text(), Location(value.source.file, sentence.line, sentence.column), name), poses=poses)
-        for name, sentence in value.mapping().items()
-    )
+    """Return the properties of a mapping from names to sentences.
+
+    Raises ConfigError with file, line and column: the first one, and as its notes those of the other sentences.
+    """
+    found, errors = list[Property](), list[ConfigError]()
+    for name, sentence in value.mapping().items():
+        try:
+            place = Location(value.source.file, sentence.line, sentence.column)
+            found.append(replace(parse(sentence.text(), place, name), poses=poses))
+        except ConfigError as error:
+            errors.append(error)
+    if errors:
+        for other in errors[1:]:
+            errors[0].add_note(str(other))
+        raise errors[0]
+    return tuple(found)
 
 
 def poses_of(value: ConfigValue | None) -> tuple[PoseTopic, ...]:
