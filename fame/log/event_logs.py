@@ -31,7 +31,7 @@ from fame.log.recorded_events import (
 from fame.log.writing import OCEL, OCEL_RECORDING
 from fame.log.xes_reading import XES, is_xes, names_of, read_foreign_xes, read_xes
 from fame.robot.events import ENDED
-from fame.text import open_file
+from fame.text import open_file, wrong_ending
 
 EVENT_LOGS: Sequence[str] = (".jsonl", ".csv", *XES, OCEL)
 _OF_ENGINE = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
@@ -42,6 +42,9 @@ def read_event_log(path: Path, model: Definitions, columns: Mapping[str, str]) -
 
     Raises ConfigError.
     """
+    if not path.name.lower().endswith((".mcap", *EVENT_LOGS)):
+        text = f"{wrong_ending(path.name, ('.mcap', *EVENT_LOGS))}; or a bag of ROS 2"
+        raise ConfigError(text, file=str(path))
     if is_xes(path) or path.name.lower().endswith(OCEL):
         try:
             if columns:
