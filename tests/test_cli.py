@@ -413,3 +413,34 @@ def test_options_that_would_do_nothing_are_refused(words: str, said: str, capsys
     assert main(words.split()) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
+
+
+def test_a_selection_without_a_test_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "test_it.py").write_text("def test_a() -> None: ...")
+    for words, said in (
+        (["test_it.py", "-k", "nothing"], "no test matches -k 'nothing'"),
+        ([], "there is no test (def test_... in test_*.py)"),
+    ):
+        assert fame_test(*words, folder=tmp_path)[0] == 2
+        assert capsys.readouterr().err == f"fame: error: no test has run: {said}\n"
+        (tmp_path / "test_it.py").unlink(missing_ok=True)
+
+
+def test_a_printed_command_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = str(tmp_path / "the key")
+    assert main(["keys", "new", name]) == 0
+    printed = capsys.readouterr().out
+    assert f"fame deploy MODEL.bpmn --key '{name}.key'" in printed
+    assert f"fame engine ROBOT --trust '{name}.pub'" in printed
+    assert main(["keys", "robot", str(tmp_path / "REX"), "--key", f"{name}.key"]) == 0
+
+
+def test_properties_are_not_judged_in_a_file_of_another_kind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "m.bpmn").write_bytes((ROOT / "models" / "agriculture.bpmn").read_bytes())
+    (tmp_path / "m.properties.yaml").write_text("properties: {a: Tractor fails}")
+    (tmp_path / "run.html").touch()
+    assert main(["log", "judge", str(tmp_path / "m.properties.yaml"), str(tmp_path / "run.html")]) == 2
+    ends = ".mcap, .jsonl, .csv, .xes, .xes.gz, .ocel.json, got '.html'; or a bag of ROS 2\n"
+    assert capsys.readouterr().err.endswith(ends)

@@ -7,6 +7,7 @@ deployments, and the identities that prove the names of robots.
 
 from __future__ import annotations
 
+import shlex
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -370,8 +371,8 @@ def _new(name: Path) -> None:
     from fame.deploy.signing import new_keys
 
     secret, public = new_keys(name)
-    print(f"{secret}   keep it secret: fame deploy MODEL.bpmn --key {secret}")
-    print(f"{public}   give it to the robots: fame engine ROBOT --trust {public}")
+    print(f"{secret}   keep it secret: {shlex.join(['fame', 'deploy', 'MODEL.bpmn', '--key', str(secret)])}")
+    print(f"{public}   give it to the robots: {shlex.join(['fame', 'engine', 'ROBOT', '--trust', str(public)])}")
 
 
 def _robot(name: Path, key: Path) -> None:
@@ -379,7 +380,8 @@ def _robot(name: Path, key: Path) -> None:
 
     path = name.with_name(name.name + ".key")
     new_identity(name.name, read_private(key), path)
-    print(f"{path}   give it to robot {name.name} alone: fame engine {name.name} --trust FILE.pub --identity {path}")
+    words = ["fame", "engine", name.name, "--trust", "FILE.pub", "--identity", str(path)]
+    print(f"{path}   give it to robot {name.name} alone: {shlex.join(words)}")
 
 
 def _diagram(model: Path, key: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_library, command, number
 from fame.cli.output import note
-from fame.errors import ConfigError
+from fame.errors import ConfigError, FameError
 from fame.text import unreadable
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ _EXAMPLES = (
     "fame test --report out/report",
     "fame test --pytest=--pdb --pytest=--durations=5",
 )
-_EXIT = {0: 0, 2: 130, 4: 2, 5: 2}
-"""By exit code of pytest: Ctrl-C is 130, a wrong request and no tests are 2, everything else is 1. If all are skipped,
+_EXIT = {0: 0, 2: 130, 4: 2}
+"""By exit code of pytest: Ctrl-C is 130, a wrong request is 2, everything else is 1. If all are skipped,
 it is 3."""
 
 
@@ -95,6 +95,11 @@ def run(arguments: Namespace) -> int:
     options += arguments.pytest
     outcomes = _Outcomes()
     ended = int(pytest.main(options, plugins=[outcomes]))
+    if ended == pytest.ExitCode.NO_TESTS_COLLECTED:
+        without = (
+            f"no test matches -k {arguments.k!r}" if arguments.k else "there is no test (def test_... in test_*.py)"
+        )
+        raise FameError(f"no test has run: {without}")
     code = 1 if ended == pytest.ExitCode.INTERRUPTED and not outcomes.interrupted else _EXIT.get(ended, 1)
     if code == 0 and outcomes.are_skips:
         note("fame: no test has passed: all were skipped")
