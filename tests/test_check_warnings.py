@@ -648,3 +648,40 @@ def test_an_error_is_caught_by_the_code_that_the_task_gives_it(said: dict[str, s
 def test_a_request_that_a_called_process_makes_again_is_told() -> None:
     inside = f"</process><process id='Q'>{row(service(service='a', type=TRIGGER), mark='2')}"
     assert told(alone(row(call("c", "Q")) + caught_at("c", "lost") + inside)) == [f"b: catches error 'lost', {SAFE}"]
+
+
+CODES = "".join(f'<error id="E_{code}" errorCode="{code}"/>' for code in ("taken_over", "missed", "unreachable"))
+SENDS = (
+    f'<intermediateThrowEvent id="m">{properties(to="DINGO")}<messageEventDefinition messageRef="M"/>'
+    "</intermediateThrowEvent>"
+)
+
+
+def away(tag: str, missed: str = "fail", attributes: str = "") -> str:
+    """A timer event ``w`` that may come due while the engine is away."""
+    event = timer(tag, "timeDuration", "PT5S", attributes)
+    return event.replace("<timerEventDefinition>", properties(missed=missed) + "<timerEventDefinition>")
+
+
+def inside(element: str) -> str:
+    """A sub-process ``p`` with an element."""
+    return f'<subProcess id="p">{row(element, mark="2")}</subProcess>'
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (row(script("x = 1")) + caught_at("t", "taken_over"), ""),
+        (row(inside(SENDS)) + caught_at("p", "unreachable"), ""),
+        (row(inside(SENDS.replace(properties(to="DINGO"), ""))) + caught_at("p", "unreachable"), "unreachable"),
+        (row(inside(away("intermediateCatchEvent"))) + caught_at("p", "missed"), ""),
+        (row(inside(away("intermediateCatchEvent", "fire"))) + caught_at("p", "missed"), "missed"),
+        (row(script("x = 1")) + away("boundaryEvent", "fail", 'attachedToRef="t"') + flow("w", "be")
+         + caught_at("t", "missed"), ""),
+    ],
+)  # fmt: skip
+def test_errors_of_the_engine_are_thrown_where_it_throws_them(content: str, code: str) -> None:
+    text = alone(content).replace("</definitions>", f'{CODES}<message id="M" name="order"/></definitions>')
+    assert [one for one in told(text) if "catches error" in one] == (
+        [f"b: catches error {code!r}, which nothing in p throws; it throws no errors"] if code else []
+    )

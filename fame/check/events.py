@@ -16,6 +16,7 @@ from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
 from fame.middleware.messages import is_action
 from fame.robot.service_tasks import failure_codes, renamed_codes
+from fame.robot.suspension import TAKEN_OVER
 from fame.scripting import script_effects
 
 _PARSERS: Mapping[str, Callable[[str], object]] = {
@@ -66,7 +67,7 @@ def _timer(process: CheckedProcess, event: FlowNode, timer: TimerDefinition, han
 # ---- errors ----------------------------------------------------------------------------------------------------------
 
 
-_ANY = ("script", "no_flow")
+_ANY = ("script", "no_flow", TAKEN_OVER)
 
 
 def check_error_handling(scope: CheckScope) -> Iterator[Finding]:
@@ -79,14 +80,16 @@ def check_error_handling(scope: CheckScope) -> Iterator[Finding]:
                     if not event.interrupting and event.defined(ErrorDefinition):
                         text = "is drawn as non-interrupting, but its activity has ended with the error"
                         yield process.finding("warning", text, event)
-                    yield from _caught(process, event, nodes[event.attached_to])
+                    beside = {code for one in body.boundary(event.attached_to) for code in _of_element(one)}
+                    yield from _caught(process, event, nodes[event.attached_to], beside)
 
 
-def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode) -> Iterator[Finding]:
+def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode, beside: set[str]) -> Iterator[Finding]:
     codes = [one.code for one in event.defined(ErrorDefinition) if one.code]
     thrown = _thrown(process, activity, set()) if codes else None
     if thrown is None:
         return
+    thrown |= beside
     asking = [(home, one, renamed_codes(one)) for home, one in executed(process, activity, set())
               if isinstance(one, Task) and _asks(one)]  # fmt: skip
     repeated = [each for each in asking if each[1].properties.get("retry") not in ("never", "ask")]
@@ -123,13 +126,25 @@ def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) 
         return _together(_thrown(callee, one, seen) for one in callee.bpmn.body.nodes)
     if node.place == "end":
         ends = node.defined(ErrorDefinition)
-        return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
+        return None if any(one.computed for one in ends) else {one.code for one in ends if one.code} | _of_element(node)
     if isinstance(node, Task) and node.service is not None:
         return failure_codes(node)
     if isinstance(node, Task) and (node.operation or node.kind in ("service", "send")):
         return None
     codes = raised_codes(node)
-    return codes if codes is None or node.properties.get("retry") not in ("never", "ask") else {*codes, "lost"}
+    return codes if codes is None else codes | _of_element(node)
+
+
+def _of_element(node: FlowNode) -> set[str]:
+    """The codes with which an element fails of itself: a request of unknown fate that is not made again, a timer that
+    came due while the engine was away, a message to a robot that is not there."""
+    to = any(throws and topic.to is not None for topic, throws in node.topics())
+    fails = {
+        "lost": node.properties.get("retry") in ("never", "ask"),
+        "missed": node.properties.get("missed") == "fail",
+        "unreachable": to,
+    }
+    return {code for code, may in fails.items() if may}
 
 
 def _asks(task: Task) -> bool:
