@@ -103,6 +103,8 @@ def move(engine: EngineState, source: str, target: str) -> None:
     if entry is None:
         there = ", ".join(sorted(scope.body.entries)) if scope.body is not None else "none"
         raise MissionError(f"is not in the scope of {source}; elements there are: {there}", element=target)
+    if isinstance(scope.items, dict) and scope.items.get("busy") == source:  # of a sequential ad-hoc sub-process
+        scope.items["busy"] = ""
     _go_on(engine, token, scope, entry)
 
 

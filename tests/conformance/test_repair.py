@@ -412,3 +412,14 @@ def test_an_error_in_a_description_is_reported_and_the_mission_goes_on(monkeypat
     field.engines["A"].running.complete("x")
     field.pass_time(2)
     assert field.said[-1].state == "idle"
+
+
+def test_a_token_moved_inside_a_sequential_ad_hoc_sub_process_starts_at_once_and_the_next_ones_follow() -> None:
+    tasks = "".join(map(user, "abc"))
+    run = Run(start() + element("adHocSubProcess", "q", tasks, ordering="Sequential") + end() + path("s q e")).run()
+    assert run.waiting == ["a"]
+    run.node.engine.move("a", "c")
+    assert run.waiting == ["c"]
+    for task in "cbc":
+        run.complete(task)
+    assert run.instance.status == "completed"
