@@ -305,6 +305,38 @@ def test_a_preview_changes_nothing() -> None:
     assert old.complete("a").waiting == ["b"]
 
 
+@pytest.mark.parametrize(("fate", "done"), [("restart", "abc"), ("abandon", "bc")])
+def test_the_next_activity_of_a_sequential_ad_hoc_sub_process_starts_after_one_that_a_plan_ends(
+    fate: str, done: str
+) -> None:
+    tasks = "".join(map(user, "abc"))
+    content = start() + element("adHocSubProcess", "q", tasks, ordering="Sequential") + end() + path("s q e")
+    new = Migrated(Run(content).run(), content, {"elements": {"a": fate}})
+    for task in done:
+        assert new.waiting == [task]
+        new.simulation.complete(task)
+    assert new.instance.status == "completed"
+
+
+def test_what_is_new_is_armed_when_a_mission_that_was_suspended_continues() -> None:
+    more = boundary("x", "a", signal("B"), interrupting=False) + script("k", "n = 1") + path("x k")
+    timed = boundary("c", "a", timer("PT5S"), interrupting=False) + script("l", "l = 1") + path("c l")
+    event = handler("h", start("hs", signal("C"), interrupting=False) + script("m", "m = 1") + path("hs m"))
+    old = Run(TWO).run()
+    old.node.suspension.suspend("somebody")
+    new = Migrated(old, TWO + more + timed + event)
+    for name in "BC":
+        new.simulation.signal(name)
+    new.simulation.run(4)
+    assert "n" not in new.instance.variables
+    new.node.suspension.go_on("somebody")
+    for name in "BC":
+        new.simulation.signal(name)
+    new.simulation.run(5)
+    assert [new.instance.variables.get(name) for name in "nlm"] == [1, 1, 1]
+    assert new.waiting == ["a"]
+
+
 # ---- plans -----------------------------------------------------------------------------------------------------------
 
 
