@@ -358,6 +358,20 @@ def drawn(content: str, **shapes: tuple[int, int, int, int]) -> Definitions:
     return read_text(document(f'<process id="P">{content}</process><bpmndi:BPMNDiagram>{plane}</bpmndi:BPMNDiagram>'))
 
 
+def test_lanes_that_are_not_drawn_divide_their_pool_around_what_is_drawn() -> None:
+    sets = "".join(f'<lane id="l{one}"><flowNodeRef>{one}</flowNodeRef></lane>' for one in "abc")
+    nodes = '<task id="a"/><task id="b"/><task id="c"/>' + flow("a", "b") + flow("b", "c")
+    pool = '<collaboration id="P"><participant id="p" processRef="Q"/></collaboration>'
+    old = drawn("", p=(100, 100, 600, 420), a=(200, 110, 100, 80), b=(200, 210, 100, 80)).source.decode()
+    old = old.replace('<process id="P"></process>', f'{pool}<process id="Q"><laneSet>{sets}</laneSet>{nodes}</process>')
+    new = read_bytes(add_diagram(read_text(old)))
+    boxes = {one.element: one.bounds for one in new.shapes}
+    assert boxes["p"] == Bounds(100, 100, 600, 420)
+    assert [(boxes[lane].y, boxes[lane].height) for lane in ("la", "lb", "lc")] == [(100, 110), (210, 170), (380, 140)]
+    assert all(holds(boxes[f"l{one}"], boxes[one]) for one in "abc")
+    assert defects(new) == []
+
+
 @pytest.mark.parametrize("ends", ["/>", " />", "></dc:Bounds>", "> </dc:Bounds >"])
 def test_a_frame_without_room_grows(ends: str) -> None:
     content = f'<subProcess id="u"><task id="t"/><task id="new"/>{flow("t", "new")}</subProcess>'

@@ -14,6 +14,7 @@ from fame.bpmn.draw.svg import Obstacles, Point
 from fame.bpmn.model import Bounds, Definitions
 from fame.dataclasses import dataclass
 from fame.layout.arrange import (
+    HEADER,
     arrange_frame,
     by_scope,
     complete_node,
@@ -107,6 +108,8 @@ class _Completion:
             if frame.kind != "participant" or (not frame.placed and any(child.placed for child in frame.children)):
                 _enclose(frame)
             if frame.placed:
+                if any(child.placed for child in frame.children):
+                    _divide(frame, frame)
                 self._fill(frame)
             else:
                 arrange_frame(frame, self.inside)
@@ -205,6 +208,24 @@ def _lanes(box: LayoutBox) -> Iterator[LayoutBox]:
         yield from _lanes(lane)
 
 
+def _divide(box: LayoutBox, pool: LayoutBox) -> None:
+    """Draw the lanes of a pool or lane that has none drawn, each around what it has, if what is drawn allows that."""
+    lanes, frame = box.lanes, box.bounds
+    if frame.height and lanes and not any(lane.placed for lane in lanes):
+        held = [{each.id for each in (lane, *_lanes(lane))} for lane in lanes]
+        nodes = [[one.bounds for one in pool.children if one.placed and one.lane in ids] for ids in held]
+        top, end, left = frame.y, frame.y + frame.height, HEADER if box.kind != "process" else 0.0
+        for number, lane in enumerate(lanes, 1):
+            low = max((one.y + one.height for some in nodes[:number] for one in some), default=top)
+            high = min((one.y for some in nodes[number:] for one in some), default=end)
+            wanted = frame.y + frame.height * number / len(lanes)
+            bottom = end if number == len(lanes) else max(top, min(max(wanted, low), high) if low <= high else wanted)
+            lane.width, lane.height, lane.placed = frame.width - left, bottom - top, True
+            lane.x, lane.y, top = frame.x + left + lane.width / 2, (top + bottom) / 2, bottom
+    for lane in lanes:
+        _divide(lane, pool)
+
+
 def _enclose(frame: LayoutBox) -> None:
     """Draw a frame without bounds around what is in it."""
     boxes = [child.bounds for child in frame.children if child.placed]
@@ -255,7 +276,7 @@ def _grow(frame: LayoutBox, right: float, bottom: float) -> None:
             continue
         wider = max(0.0, right - box.x - box.width / 2)
         higher = max(0.0, bottom - box.y - box.height / 2)
-        for one in (box, *_lanes(box)):
+        for one in (box, *(lane for lane in _lanes(box) if lane.placed)):
             last = one is box or one.y + one.height / 2 >= box.y + box.height / 2 - 1
             one.width, one.x = one.width + wider, one.x + wider / 2
             one.height, one.y = (one.height + higher, one.y + higher / 2) if last else (one.height, one.y)
