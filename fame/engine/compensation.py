@@ -145,22 +145,29 @@ def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
         place = place.parent
     around = place.parent.node if place.parent is not None else None
     if place.parent is not None and around is not None and isinstance(around.spec, LoopInstance):
-        place = _whole_of(place.parent)
+        assert place.parent.parent is not None
+        place = place.parent.parent  # a repeated transaction is cancelled as a whole
     if place.node is None or place.node.boundary is None or not place.node.boundary.cancels:
         faults.fail(engine, scope, node, BpmnError("cancel", "no cancel boundary event is around it"), again=False)
     else:
+        remember(place, *_inside(place))
         scopes.proceed(engine, ROLL_BACK, *scopes.replace(engine, place, place.handles))
 
 
-def _whole_of(instance: Scope) -> Scope:
-    """Return the scope of a repeated transaction, cancelled as a whole; add the records of its running instances."""
-    whole = instance.parent
-    assert whole is not None
-    for child in whole.children:
-        for transaction in child.children if isinstance(child, Scope) else ():
-            if isinstance(transaction, Scope) and transaction.done:
-                remember(whole, *transaction.done)
-    return whole
+def _inside(scope: Scope) -> list[Record]:
+    """Return the records of the active scopes in one: cancelling an activity undoes what completed in it (10.7).
+
+    What is being undone stays so; what an interrupted compensation has not come to follows.
+    """
+    records, active = list[Record](), [scope]
+    for each in active:  # which grows
+        inner = [one for one in each.children if isinstance(one, Scope) and one.node is not UNDO]
+        for one in inner:
+            done = one.done or []
+            is_undoing = one.node is not None and isinstance(one.node.spec, Compensate)
+            records += reversed(done) if is_undoing else done  # which is in the order to undo
+        active += inner
+    return records
 
 
 def _rolled_back(engine: EngineState, scope: Scope, node: Node) -> None:

@@ -262,6 +262,24 @@ def test_it_may_end_one_from_a_sub_process_inside(play: Play) -> None:
     assert play(content).run().log == "s (r a (p t x -p c_a u_a b -r =completed"
 
 
+def test_cancel_undoes_what_completed_in_what_it_cancels(play: Play) -> None:
+    """In a sub-process with the cancel end event, one beside it, a handler, and one of two instances."""
+    many = '<multiInstanceLoopCharacteristics isSequential="true"><loopCardinality>2</loopCardinality>'
+    many += "</multiInstanceLoopCharacteristics>"
+    ends = sub("q", script("b") + undo("b") + end("c", CANCEL) + path("b c"))
+    beside = sub("m", many, script("d") + undo("d") + user("u") + path("d u"))
+    handling = handler(
+        "h", start("ht", signal("A"), interrupting=False) + script("f") + undo("f") + user("w") + path("ht f w")
+    )
+    inner = start("t") + script("a") + undo("a") + user("v") + ends + beside + handling + path("t a v q") + path("t m")
+    run = play(transaction(inner)).run().complete("u").signal("A").complete("v")
+    undone = [id for id in run.log.split() if id.startswith("u_")]
+    assert sorted(undone) == ["u_a", "u_b", "u_d", "u_d", "u_f"]
+    assert undone[-1] == "u_a"  # which completed before the others began
+    assert run.log.endswith("x -p y =completed")
+    assert not run.left_behind()
+
+
 def test_an_event_sub_process_for_compensation_undoes_a_scope_however_that_ended(play: Play) -> None:
     undoing = handler("h", start("ht", THROW) + script("k") + path("ht k"))
     interrupted = handler("i", start("it", signal("A")) + script("m") + path("it m"))
