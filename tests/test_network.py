@@ -105,6 +105,12 @@ def test_a_short_partition_holds_reliable_messages_back_and_loses_others() -> No
     assert newest.network.losses() == ["the network lost 1 message on /x from A to B"]
 
 
+def test_what_is_under_way_when_a_partition_begins_stays_before_what_is_sent_in_it() -> None:
+    times = 0.8, 0.9, 1.05, 1.2, 6.0, 6.1
+    assert Pair(Link(Delay("fixed", 0.3)), cuts=(CUT,)).publish(*times).numbers == [0, 1, 2, 3, 4, 5]
+    assert Pair(Link(Delay("fixed", 0.3)), cuts=(CUT,), qos=QoS(depth=1)).publish(*times[1:3]).numbers == [1]
+
+
 def test_a_partition_longer_than_the_lease_ends_the_match() -> None:
     pair = Pair(cuts=(LONG,)).publish(0, 2, 14, 17)
     assert pair.numbers == [0, 3]

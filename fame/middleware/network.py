@@ -13,7 +13,8 @@ and transient local publishers send their last messages again at its end.
 from __future__ import annotations
 
 import random
-from collections import Counter, deque
+from bisect import insort
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Literal
@@ -157,14 +158,20 @@ class RobotChannel:
         self._random, self._scheduler = generator, network.scheduler
         self._reliable = qos.reliability == "reliable"
         self._latched = qos.durability == "transient_local"
-        self._held: deque[Callable[[], object]] = deque(maxlen=_DEPTH if qos.history == "keep_all" else qos.depth)
+        self._held: list[tuple[int, Callable[[], object]]] = []  # with their numbers, which are in order
+        self._most = _DEPTH if qos.history == "keep_all" else qos.depth
+        self._sent = 0
         self._last = 0  # when the latest message arrives (ns)
 
     def send(self, deliver: Callable[[], object]) -> None:
         """Send a message: `deliver` is called when it arrives, if it does."""
+        self._sent += 1
+        self._send(self._sent, deliver)
+
+    def _send(self, number: int, deliver: Callable[[], object]) -> None:
         now = self._scheduler.now
         self._network.under_way[self._pair[1], self._topic] += 1
-        if self._cut(now, deliver):
+        if self._cut(now, number, deliver):
             return
         delay = self._link.delay.sample(self._random)
         while self._link.loss and self._random.random() < self._link.loss:
@@ -177,15 +184,15 @@ class RobotChannel:
             arrival += round((self._random.uniform(0, 2) * delay + RETRANSMIT) * SECOND)
         else:
             arrival = self._last = max(arrival, self._last)
-        self._scheduler.at(arrival, partial(self._arrive, deliver), Kind.MESSAGE)
+        self._scheduler.at(arrival, partial(self._arrive, number, deliver), Kind.MESSAGE)
 
-    def _arrive(self, deliver: Callable[[], object]) -> None:
+    def _arrive(self, number: int, deliver: Callable[[], object]) -> None:
         """Deliver a message, unless a partition began while it was on its way."""
-        if not self._cut(self._scheduler.now, deliver):
+        if not self._cut(self._scheduler.now, number, deliver):
             self._network.under_way[self._pair[1], self._topic] -= 1
             deliver()
 
-    def _cut(self, now: int, deliver: Callable[[], object]) -> bool:
+    def _cut(self, now: int, number: int, deliver: Callable[[], object]) -> bool:
         """Whether a partition blocks the channel: then the message is delayed or lost."""
         cut = self._network.partition(self._pair, now)
         if cut is None:
@@ -196,17 +203,18 @@ class RobotChannel:
             return True
         if not self._held:
             self._scheduler.at(round(cut.end * SECOND), self._release, Kind.MESSAGE)
-        elif len(self._held) == self._held.maxlen:
-            self._lose()  # the oldest is pushed out
-        self._held.append(deliver)
+        insort(self._held, (number, deliver))  # one that was under way is older than those that are held
+        if len(self._held) > self._most:
+            del self._held[0]
+            self._lose()
         return True
 
     def _release(self) -> None:
         """Send the delayed messages at the end of the partition."""
-        held, self._held = list(self._held), deque(maxlen=self._held.maxlen)
+        held, self._held = self._held, []
         self._network.under_way[self._pair[1], self._topic] -= len(held)
-        for deliver in held:
-            self.send(deliver)
+        for number, deliver in held:
+            self._send(number, deliver)
 
     def _lose(self) -> None:
         self._network.lost[*self._pair, self._topic] += 1
