@@ -336,17 +336,18 @@ def test_who_completes_a_task_without_a_form_may_set_what_nothing_has_set(task: 
     assert (finding.level, finding.text) == ("warning", "P: G fails: NameError: name 'n' is not defined")
 
 
-def _may_be(condition: str, task: str, called: str = "") -> set[str]:
-    """Where a gateway with a condition may lead after `n = 0` and a task: to Y if it is true, else to Z."""
+def _may_be(condition: str, task: str, called: str = "", root: str = "") -> set[str]:
+    """Where a gateway with a condition may lead after some values and a task: to Y if it is true, else to Z."""
     ways = (("S", "I"), ("I", "T"), ("T", "G"))
     text = process(
-        f'<startEvent id="S"/><scriptTask id="I"><script>n = 0</script></scriptTask>{task}'
+        '<startEvent id="S"/><scriptTask id="I"><script>n = 0; text = ""; xs = [1]; d = {}</script></scriptTask>'
+        + task
         + "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ways)
         + '<exclusiveGateway id="G" default="N"/><task id="Y"/><task id="Z"/>'
         '<sequenceFlow id="N" sourceRef="G" targetRef="Z"/>'
         f'<sequenceFlow id="M" sourceRef="G" targetRef="Y"><conditionExpression>{condition}</conditionExpression>'
         "</sequenceFlow>",
-        f'<process id="Q">{called}</process><message id="R" name="~/r"/>' if called else "",
+        f'{root}<message id="R" name="~/r"/>' + (f'<process id="Q">{called}</process>' if called else ""),
     )
     found = explore(fame.read(text.encode()), delivery="run").findings
     assert {one.kind for one in found} <= {"unreachable"}
@@ -392,3 +393,54 @@ OUTPUT = '<camunda:inputOutput><camunda:outputParameter name="n">3</camunda:outp
 def test_what_a_called_process_lets_people_set_and_maps_is_unknown(inside: str) -> None:
     """The call is one step."""
     assert _may_be("n == 3", '<callActivity id="T" calledElement="Q"/>', inside) == {"Y", "Z"}
+
+
+CAUGHT = '<errorEventDefinition camunda:errorCodeVariable="n" camunda:errorMessageVariable="text"/>'
+
+
+@pytest.mark.parametrize(
+    ("script", "condition"),
+    [
+        ("raise BpmnError('c' + str(q))", "n == 'c7'"),
+        ("raise BpmnError(q)", "n == 'c7'"),
+        ("raise BpmnError('c1', q)", "text == 'c7'"),
+        ("m = q + 1", "n == 'script'"),
+        ("m = q.foo", "n == 'script'"),
+        ("m = q.foo", "'foo' in text"),
+    ],
+)
+def test_code_and_text_of_an_error_may_be_what_an_unknown_value_is(script: str, condition: str) -> None:
+    form = ASKED_FOR["its form"].replace("approved", "q").replace("boolean", "string")
+    task = (
+        f'<subProcess id="T"><userTask id="U">{form}</userTask><scriptTask id="E"><script>{script}</script>'
+        '</scriptTask><sequenceFlow id="UE" sourceRef="U" targetRef="E"/></subProcess>'
+        f'<boundaryEvent id="X" attachedToRef="T">{CAUGHT}</boundaryEvent>'
+        '<sequenceFlow id="XG" sourceRef="X" targetRef="G"/>'
+    )
+    assert "Y" in _may_be(condition, task)
+
+
+@pytest.mark.parametrize("text", ["low", "${level}"])
+def test_the_text_of_an_error_is_not_known(text: str) -> None:
+    task = (
+        '<subProcess id="T"><startEvent id="B"/><endEvent id="E1"><errorEventDefinition errorRef="E"/></endEvent>'
+        '<sequenceFlow id="BE" sourceRef="B" targetRef="E1"/></subProcess>'
+        f'<boundaryEvent id="X" attachedToRef="T">{CAUGHT}</boundaryEvent>'
+        '<sequenceFlow id="XG" sourceRef="X" targetRef="G"/>'
+    )
+    error = f'<error id="E" errorCode="c1" camunda:errorMessage="{text}"/>'
+    assert _may_be("text == 'low'", task, root=error) == {"Y", "Z"}
+
+
+@pytest.mark.parametrize("repeats", ["><loopCardinality>${q}</loopCardinality>", ' camunda:collection="${q}">'])
+@pytest.mark.parametrize("sequential", ["true", "false"])
+def test_an_unknown_number_of_instances_is_small_which_is_told(repeats: str, sequential: str) -> None:
+    """It was not known whether an internal error, or a wrong cardinality, is raised."""
+    form = ASKED_FOR["its form"].replace("approved", "q").replace("boolean", "long")
+    loop = f'<multiInstanceLoopCharacteristics isSequential="{sequential}"{repeats}'
+    text = process(
+        f'<userTask id="U">{form}</userTask><sequenceFlow id="UM" sourceRef="U" targetRef="M"/>'
+        f'<task id="M">{loop}</multiInstanceLoopCharacteristics></task>'
+    )
+    result = explore(fame.read(text.encode()), delivery="run")
+    assert (result.findings, result.shortened) == ((), (("P", "M"),))

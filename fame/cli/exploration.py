@@ -211,6 +211,9 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
         yield f"  from outside, at any time: {', '.join(result.outside)}"
     if result.sampled:
         yield f"  explored besides, in part: {'; '.join(result.sampled)}"
+    if result.shortened:
+        names = ", ".join(f"{element} of {robot}" for robot, element in result.shortened)
+        yield f"  taken to be short, though their lengths are not known: lists at {names}"
     if result.widened:
         names = ", ".join(f"{name} of {robot}" for robot, name in result.widened)
         yield f"  with too many values to tell apart, so unknown after a while: {names}"
@@ -264,6 +267,7 @@ def as_json(result: Exploration) -> dict[str, Any]:
         "states": result.states,
         "seconds": round(result.seconds, 3),
         "outside": list(result.outside),
+        "shortened": [list(one) for one in result.shortened],
         "widened": [list(one) for one in result.widened],
         "searches": [
             {name: value for name, value in asdict(search).items() if name != "judged"} for search in result.searches

@@ -31,12 +31,14 @@ from fame.check.explore.error_codes import computed_codes
 from fame.check.explore.failures import Failures, Guarded, in_order
 from fame.check.explore.slicing import may_fail, skipped, sliced, without_operations
 from fame.check.explore.team_facts import TeamFacts, facts_of
+from fame.check.explore.values import MARK
 from fame.check.expressions import cover_all
 from fame.dataclasses import dataclass, field, fields, replace
 from fame.engine.data import variable_name
 from fame.errors import FameError
 from fame.scripting.effects import effects_of, script_effects
 
+_TEXT = model.Expression(MARK, "template")
 STEP = "explored step "
 """Begins the names of the services that take the place of behaviours."""
 
@@ -81,6 +83,7 @@ class Abstraction:
     risky    scripts that may raise something on values of the kind that they expect
     asks     script that waits for actions and services -> the codes with which it may fail because of them
     computed (throwing event, text of its computed code) -> the named codes that it may have
+    counts   (element, text) of a collection or cardinality -> whether it is a cardinality
     skipped  script -> a statement that is left out although it may raise
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
     formless tasks without a form: a person may set any other variable, too
@@ -100,6 +103,7 @@ class Abstraction:
     risky: set[str] = field(default_factory=set)
     asks: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
+    counts: dict[tuple[str, str], bool] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
     given: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     formless: set[str] = field(default_factory=set)
@@ -183,6 +187,9 @@ class _Rewriter:
         return replace(body, nodes=tuple(self._node(node, within) for node in body.nodes))
 
     def _node(self, node: model.FlowNode, guarded: Guarded) -> model.FlowNode:
+        if isinstance(loop := node.loop, model.MultiInstance):
+            texts = ((loop.collection, False), (loop.cardinality, True))
+            self.to.counts |= {(node.id, text.text): number for text, number in texts if text is not None}
         match node:
             case model.SubProcess():
                 return replace(node, body=self.body(node.body, node in guarded))
@@ -203,11 +210,11 @@ class _Rewriter:
         return node
 
     def _event(self, event: model.Event) -> model.Event:
-        """An event whose error has no text: texts for people decide nothing, and what they read need not be kept."""
+        """An event whose error has a text that is not known: what texts for people read need not be kept."""
         facts = self.to.facts
         for text, escalates in computed_codes(event):
             self.to.computed[event.id, text] = facts.escalations if escalates else facts.codes
-        kept = (replace(one, message=None) if isinstance(one, model.ErrorDefinition) else one
+        kept = (replace(one, message=_TEXT) if isinstance(one, model.ErrorDefinition) and one.message else one
                 for one in event.definitions)  # fmt: skip
         return replace(event, definitions=tuple(kept))
 

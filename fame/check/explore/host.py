@@ -21,9 +21,18 @@ from fame.check.explore.asking import asking, functions
 from fame.check.explore.graph import reachable
 from fame.check.explore.purity import STEPS, is_computable
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
-from fame.check.explore.slicing import fails_alone, may_raise
+from fame.check.explore.slicing import fails_alone, may_mismatch, may_raise
 from fame.check.explore.timers import Timer
-from fame.check.explore.values import MARK, UndecidableError, Values, holds_unknown, is_fixed, is_unknown, numbers_of
+from fame.check.explore.values import (
+    LENGTHS,
+    MARK,
+    UndecidableError,
+    Values,
+    holds_unknown,
+    is_fixed,
+    is_unknown,
+    numbers_of,
+)
 from fame.dataclasses import dataclass, field, replace
 from fame.engine import UNDEFINED, Engine, Instance
 from fame.engine.host import BpmnError
@@ -159,6 +168,10 @@ class ExplorationHost:
         self.formless: Set[str] = model.formless
         self.names: Set[str] = frozenset()
         """All variables that decide something."""
+        self.counts: Mapping[tuple[str, str], bool] = model.counts
+        """Collections and cardinalities, see `Abstraction`."""
+        self.shortened: set[str] = set()
+        """Elements with lists or numbers of which only a few are tried."""
         self.kept: Callable[[str], bool] = lambda name: True
         self.remembered: Mapping[str, Set[str]] = {}
         """Conditions whose outcome is remembered, see `remembering`."""
@@ -197,6 +210,7 @@ class ExplorationHost:
     def choose(self, ways: int) -> int:
         """Return one of several ways: as decided, else the first; from `MOST_DECISIONS` on they alternate."""
         choices = self.outcome.choices
+        self.shortened.update((self.place,) if ways is LENGTHS else ())
         place = len(choices)
         if self._again:
             self.outcome.settled.add(place)
@@ -221,6 +235,8 @@ class ExplorationHost:
         codes = self.computed.get((element, expression.text))
         if codes is not None:
             return lambda variables: self._code(made(variables), codes, element)
+        if (element, expression.text) in self.counts:
+            return partial(self._items, made, element, number=self.counts[element, expression.text])
         return self._remembering(made, key) if key in self.remembered else made
 
     def _expression(self, expression: Expression, element: str, file: str) -> Callable[..., Any]:
@@ -233,7 +249,7 @@ class ExplorationHost:
             run = compile_expression(asking(expression, "eval"), file=file, element=element)
             if not is_computable(expression, self.fields, "eval"):
                 return self._uncomputed(element, step)
-            return self._python(run, effects.reads, element)
+            return self._python(self._reading(run, effects.reads), effects.reads, element)
         run = compile_expression(expression, file=file, element=element)
         if expression.language == "payload":
             return self._checked(run, expression, element, open_to=_inserted_whole(expression.text))
@@ -293,6 +309,24 @@ class ExplorationHost:
         chosen = self.choose(1 + len(named)) if named else 0
         return named[chosen - 1] if chosen else MARK
 
+    def _items(self, made: Callable[..., Any], element: str, variables: dict[str, Any], *, number: bool) -> Any:
+        """A collection, or a number of items; of one that is not known a few are tried."""
+        value, self.place = made(variables), element
+        if not is_unknown(value) and not (isinstance(value, str) and MARK in value):
+            return value
+        return self.choose(LENGTHS) if number else [*iter(self.values.unknown)]
+
+    def _reading(self, run: Callable[..., Any], names: Iterable[str]) -> Callable[..., Any]:
+        """A text that first takes as unknown the code or text of a caught error of which nothing is known."""
+
+        def run_unmarked(variables: dict[str, Any]) -> Any:
+            for name in names:
+                if isinstance(value := variables.get(name), str) and MARK in value:
+                    variables[name] = self.values.unknown
+            return run(variables)
+
+        return run_unmarked
+
     def _uncomputed(self, element: str, step: AbstractStep) -> Callable[..., Any]:
         def evaluate(variables: dict[str, Any]) -> Any:
             self.compute(element)
@@ -347,17 +381,19 @@ class ExplorationHost:
         if script.language == "javascript":
             shown = {other for name in step.changes for other in self.aliases.of((name, False))}
             step = replace(step, changes=tuple(sorted(shown.union(step.changes))))
+        run: Callable[..., Any] = _nothing
         if script.language == "python":
-            run = compile_script(asking(script), file=file, element=element)
+            run = self._reading(compile_script(asking(script), file=file, element=element), effects.reads)
         computable = is_computable(script, self.fields)
         executed = computable and not (effects.waits or effects.catches)
         if (effects.fails or effects.computes_code) and not executed:
             self.opaque.add(element)
         risky = element in self.risky and not effects.fails
-        if risky:
+        odd = element in self.guarded and not (effects.waits or effects.fails) and may_mismatch(script)
+        if risky or odd:
             self.supposed.add(element)
-        if not executed and (effects.fails or risky):
-            step = replace(step, codes=tuple(sorted({*step.codes, "script"})))
+        failing = replace(step, codes=tuple(sorted({*step.codes, "script"})))
+        step = failing if not executed and (effects.fails or risky) else step
         told = "script" in step.codes and (element in self.guarded or not risky)
         if element in self.left_out or (not computable and not effects.waits and not told and may_raise(script)):
             self.skipped[element] = self.left_out.get(element) or script.text.strip().partition("\n")[0]
@@ -375,15 +411,20 @@ class ExplorationHost:
             if may_raise(script):
                 self.skipped.setdefault(element, script.text.strip().partition("\n")[0])
             run = _nothing
-        elif not computable:
-            return lambda variables: self._abstract(step, element, variables)
+        unseen = effects.catches or not (computable or dropped)
         perhaps = partial(self._perhaps_failing, run)
-        uncertain = self._abstract if effects.catches else perhaps if risky else partial(self._computed, run)
+        uncertain = self._abstract if unseen else perhaps if risky else partial(self._computed, run)
         otherwise = perhaps if risky and (dropped or element in self.left_out) else partial(self._computed, run)
         reads = effects.reads
-        return lambda variables: (
-            uncertain if any(holds_unknown(variables.get(name)) for name in reads) else otherwise
-        )(step, element, variables)
+
+        def execute(variables: dict[str, Any]) -> None:
+            given = [variables.get(name) for name in reads]
+            of_any_kind = odd and any(map(is_unknown, given))
+            way = uncertain if any(map(holds_unknown, given)) or not (computable or dropped) else otherwise
+            way = perhaps if of_any_kind and not unseen else way
+            way(failing if of_any_kind else step, element, variables)
+
+        return execute
 
     def _computed(self, run: Callable[..., Any], step: AbstractStep, element: str, variables: dict[str, Any]) -> None:
         """Run a script; one that asks too much of an unknown value counts as not computable."""
@@ -395,10 +436,10 @@ class ExplorationHost:
         except UndecidableError:
             pass
         except BpmnError as error:
-            code = self._code(error.code, self.codes, element)
-            if code is error.code:
+            code, text = self._code(error.code, self.codes, element), error.message
+            if code is error.code and not is_unknown(text):
                 raise
-            raise BpmnError(code, error.message if error.message != error.code else "") from None
+            raise BpmnError(code, MARK if is_unknown(text) or text is error.code else text) from None
         except Exception as error:
             reads = [variables.get(name) for name in tuple(variables) if not name.startswith("__")]
             if all(map(self.values.number, reads)):
@@ -421,7 +462,7 @@ class ExplorationHost:
         if self.choose(2):
             self.end_step(step, variables, failed=True)
             self.outcome.supposed.add(element)
-            raise BpmnError("script")
+            raise BpmnError("script", MARK)
         self._computed(run, step, element, variables)
 
     def _abstract(self, step: AbstractStep, element: str, variables: dict[str, Any]) -> None:
@@ -431,7 +472,7 @@ class ExplorationHost:
         self.end_step(step, variables, failed=chosen > 0)
         if chosen:
             self._raised(element, step.codes[chosen - 1])
-            raise BpmnError(step.codes[chosen - 1])
+            raise BpmnError(step.codes[chosen - 1], MARK)
 
     def _raised(self, element: str, code: str | None) -> None:
         """Note that a step fails in a way that is only supposed."""
@@ -447,7 +488,7 @@ class ExplorationHost:
         variable = wait.node.spec.variable
         if code is None and variable and self.kept(variable):
             variables[variable] = self.values.unknown
-        self.engine.script_ended(wait.key, None if code is None else BpmnError(code))
+        self.engine.script_ended(wait.key, None if code is None else BpmnError(code, MARK))
 
     def end_step(self, step: AbstractStep, variables: dict[str, Any], *, failed: bool) -> None:
         """End a step: its results are unknown, and what it does not certainly publish is published or not."""
@@ -611,7 +652,8 @@ class ExplorationHost:
     def ended(self, instance: Instance) -> None:
         self.outcome.over.append(instance)
         if instance.error is not None:
-            self.outcome.flags.append(("error", f"{instance.error.element}\n{instance.error.text}"))
+            text = instance.error.text.replace(f": {MARK}", "")
+            self.outcome.flags.append(("error", f"{instance.error.element}\n{text}"))
             if instance.error.element in self.outcome.unsure:
                 self.outcome.flags.append(("unsure", instance.error.element))
             if instance.error.element in self.outcome.supposed:

@@ -43,6 +43,7 @@ _UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, a
 _HARMLESS = (ast.Module, ast.Assign, ast.Expr, ast.Pass, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.expr_context)
 """What raises nothing: giving a name a constant, the value of another one, or a list of these."""
 
+_OF_A_KIND = (ast.Attribute, ast.AugAssign, ast.BinOp, ast.Call, ast.For, ast.Starred, ast.Subscript, ast.comprehension)
 _SURE = (COMPUTING - {"divmod", "float", "int", "max", "min", "round"}).union(
     ("BpmnError", "hasattr", "isinstance", "log", "receive", "signal", "sleep", "type", "until")
 )
@@ -138,6 +139,26 @@ def _may_fail(node: ast.AST) -> bool:
         case ast.Call(func=ast.Attribute(attr=name)):
             return name not in _SURE_METHODS
     return isinstance(node, ast.Call | ast.Import | ast.ImportFrom)
+
+
+@lru_cache(maxsize=1024)
+def may_mismatch(script: Expression) -> bool:
+    """Return whether a script may raise something on a value of any kind."""
+    tree = _tree(script)
+    return tree is None or any(map(_may_mismatch, ast.walk(tree)))
+
+
+def _may_mismatch(node: ast.AST) -> bool:
+    match node:
+        case ast.Attribute(ast.Name("log" | "robot")) | ast.Call(ast.Attribute(ast.Name("log" | "robot"))):
+            return False
+        case ast.Call(ast.Name(name)):
+            return name not in ("BpmnError", "bool", "isinstance", "log", "print", "repr", "signal", "str", "type")
+        case ast.UnaryOp(op):
+            return not isinstance(op, ast.Not)
+        case ast.Compare(ops=operators):
+            return not all(isinstance(one, ast.Eq | ast.NotEq | ast.Is | ast.IsNot) for one in operators)
+    return isinstance(node, _OF_A_KIND)
 
 
 @lru_cache(maxsize=1024)

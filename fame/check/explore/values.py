@@ -22,6 +22,13 @@ from fame.scripting.python_effects import CHANGING_METHODS
 
 MOST_ITEMS = 2
 """Items of a list that is unknown."""
+
+
+class _Lengths(int):
+    """A number of ways that `choose` tells from others."""
+
+
+LENGTHS = _Lengths(MOST_ITEMS + 1)
 MARK = "\u2047"
 """Stands for an unknown value in a text, which is then unknown itself."""
 _NOT_ITS_OWN = ("send", "throw", "close")
@@ -48,10 +55,10 @@ class Unknown:
         return self.choose(2) == 0
 
     def __iter__(self) -> Iterator[Unknown]:
-        return iter([Unknown(self.choose) for _ in range(self.choose(MOST_ITEMS + 1))])
+        return iter([Unknown(self.choose) for _ in range(self.choose(LENGTHS))])
 
     def __index__(self) -> int:
-        return self.choose(MOST_ITEMS + 1)
+        return self.choose(LENGTHS)
 
     __int__ = __index__
 

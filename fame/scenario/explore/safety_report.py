@@ -112,6 +112,8 @@ def _abstractions(result: Exploration, files: Sequence[Definitions]) -> Iterator
         yield "taken for one step", display_name(id, one.name if one is not None else "")
     for topic in result.outside:
         yield "from outside, at any time", topic
+    for robot, element in result.shortened:
+        yield "unknown list or number of items, with few of them", f"{element} of {robot}"
     for robot, name in result.widened:
         yield "unknown after a while", f"{name} of {robot}"
     for cut in result.cuts:
