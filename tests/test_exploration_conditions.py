@@ -213,7 +213,13 @@ def in_scope(kind: str, inside: Steps) -> bool:
 def test_a_variable_that_a_scope_has_of_its_own_has_one_outcome_until_it_is_set(kind: str) -> None:
     for between in ([], ["work"], ["run y = robot.now"], ["run z = robot.now"]):
         assert not in_scope(kind, [ASKED, *between, AGAIN]), between
-    for between in ([UNKNOWN], ["person"], ["run await sleep(1); x = robot.now"], ["run f(x)"], ["run x.append(3)"]):
+    for between in (
+        [UNKNOWN],
+        ["person"],
+        ["run await sleep(1); x = robot.now"],
+        ["run import lib; lib.f(x)"],
+        ["run x.append(3)"],
+    ):
         assert in_scope(kind, [ASKED, *between, AGAIN]), between
 
 

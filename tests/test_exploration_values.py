@@ -1,5 +1,8 @@
 """What an exploration makes of values that are unknown: whatever is asked of them may have each answer."""
 
+from html import escape
+from itertools import pairwise
+
 import pytest
 from bpmn_text import extensions, process
 from collaborations import Steps, team, text_of
@@ -336,9 +339,9 @@ def test_who_completes_a_task_without_a_form_may_set_what_nothing_has_set(task: 
     assert (finding.level, finding.text) == ("warning", "P: G fails: NameError: name 'n' is not defined")
 
 
-def _may_be(condition: str, task: str, called: str = "", root: str = "") -> set[str]:
+def _may_be(condition: str, task: str, called: str = "", root: str = "", first: str = "T") -> set[str]:
     """Where a gateway with a condition may lead after some values and a task: to Y if it is true, else to Z."""
-    ways = (("S", "I"), ("I", "T"), ("T", "G"))
+    ways = (("S", "I"), ("I", first), ("T", "G"))
     text = process(
         '<startEvent id="S"/><scriptTask id="I"><script>n = 0; text = ""; xs = [1]; d = {}</script></scriptTask>'
         + task
@@ -444,3 +447,49 @@ def test_an_unknown_number_of_instances_is_small_which_is_told(repeats: str, seq
     )
     result = explore(fame.read(text.encode()), delivery="run")
     assert (result.findings, result.shortened) == ((), (("P", "M"),))
+
+
+def _python(*texts: str) -> str:
+    """Scripts, each in its task, and a form between them: the last one is T."""
+    form, ids = ASKED_FOR["its form"].replace("approved", "q"), [f"T{n}" for n in range(len(texts) - 1)] + ["T"]
+    scripts = "".join(
+        f'<scriptTask id="{id}"><script>{escape(text)}</script></scriptTask>'
+        for id, text in zip(ids, texts, strict=True)
+    )
+    tasks = "".join(
+        f'<userTask id="{a}U">{form}</userTask><sequenceFlow id="{a}a" sourceRef="{a}" targetRef="{a}U"/>'
+        f'<sequenceFlow id="{a}b" sourceRef="{a}U" targetRef="{b}"/>'
+        for a, b in pairwise(ids)
+    )
+    return scripts + tasks
+
+
+IN_PLACE = [
+    ["list.append(xs, 9)"],
+    ["(lambda v: v.append(9))(xs)"],
+    ["sorted([1], key=xs.append)"],
+    ["list(map(xs.append, [9]))"],
+    ['d.setdefault("a", xs).append(5)'],
+    ["(xs if n == 0 else [])[0:0] = [7]"],
+    ["y = [xs]; y[0].append(1)"],
+    ["match xs:\n  case [*_] as y: y.append(3)"],
+    ["import operator; operator.iadd(xs, [3])"],
+    ["f = list.append; f(xs, 3)"],
+    ["sorted([xs], key=list.clear)\nxs += [1, 2]"],
+    ["type(xs).append(xs, 3)"],
+    ["import sys; sys._getframe().f_globals['xs'].append(3)"],
+    ["globals()['xs'] = [1, 2]"],
+    ["vars().update(xs=[1, 2])"],
+    ["f = xs.append", "f(9)"],
+    ["f = lambda: xs.append(9)", "f()"],
+    ["def f():\n  y = xs\n  y.append(9)", "f()"],
+    ["d['f'] = [xs.append]", "d['f'][0](9)"],
+]
+
+
+@pytest.mark.parametrize("texts", IN_PLACE)
+def test_what_a_script_may_reach_it_may_change(texts: list[str]) -> None:
+    """It was taken not to change, and the way behind the condition called unreachable."""
+    for scripts in (texts, [*texts, "m = 3"]):
+        first = "T0" if len(scripts) > 1 else "T"
+        assert "Y" in _may_be("len(xs) == 2", _python(*scripts), first=first)

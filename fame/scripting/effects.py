@@ -97,6 +97,16 @@ class Effects:
         return NONE
 
     @property
+    def reaches(self) -> frozenset[str]:
+        """Those of them that it hands to functions."""
+        return NONE
+
+    @property
+    def leaves(self) -> frozenset[str]:
+        """Whose lists, mappings or objects functions and methods may change that it leaves for later scripts."""
+        return NONE
+
+    @property
     def writes(self) -> frozenset[str]:
         """What is another value afterwards: set, defined, or changed in place."""
         return self.sets | self.code | self.changes

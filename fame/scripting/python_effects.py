@@ -94,19 +94,42 @@ class PythonEffects(Effects):
 
     @cached_property
     def changes(self) -> frozenset[str]:
-        return self._among_reads(changed_names(self.tree)) if self.tree is not None else NONE
+        """What it reads, if it changes what may be a part of anything."""
+        if self.tree is None or not (changed := changed_names(self.tree)):
+            return NONE
+        foreign = changed - self.reads - self.sets - bound_in(self.tree)  # `append` of the class `list`
+        return self.reads if foreign or changes_parts(self.tree) else self.reads & changed
 
     @cached_property
     def may_change(self) -> frozenset[str]:
-        calls = (node for node in self.nodes() if isinstance(node, ast.Call))
-        return self._among_reads({name for call in calls for name in handed_over(call)})
+        return self._reached_by(lambda call: True)
 
-    def _among_reads(self, changed: Set[str]) -> frozenset[str]:
-        """What it changes if it changes these: a name that it sets to a part of another value may be a part of
-        anything that it reads."""
-        if not changed:
-            return NONE
-        return self.reads if changed & parts_of(cast("ast.AST", self.tree)) else self.reads & changed
+    @cached_property
+    def reaches(self) -> frozenset[str]:
+        return self._reached_by(lambda call: not changes_itself(call))
+
+    def _reached_by(self, chosen: Callable[[ast.Call], bool]) -> frozenset[str]:
+        calls = [node for node in self.nodes() if isinstance(node, ast.Call) and chosen(node)]
+        names = {name for call in calls for name in handed_over(call)}
+        return self.reads if self.tree is not None and names & bound_in(self.tree) else self.reads & names
+
+    @cached_property
+    def leaves(self) -> frozenset[str]:
+        nodes = list(self.nodes())
+        called = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
+        methods = [node for node in nodes if isinstance(node, ast.Attribute) and id(node) not in called]
+        names = {name for node in methods if node.attr in CHANGING_METHODS for name in root(node.value)}
+        inside = [part for node in nodes if isinstance(node, _FUNCTIONS) for part in ast.walk(node)]
+        parameters = {part.arg for part in inside if isinstance(part, ast.arg)}
+        for part in inside:
+            place = changed_place(part)
+            names |= {*(root(place) if place is not None else handed_over(part) if isinstance(part, ast.Call) else ())}
+        names -= parameters
+        return self.reads if self.tree is not None and names & bound_in(self.tree) else self.reads & names
+
+    @cached_property
+    def open(self) -> bool:
+        return any(map(_reaches_all, self.nodes()))
 
     @cached_property
     def steady(self) -> bool:
@@ -270,6 +293,25 @@ def _is_steady(node: ast.AST) -> bool:
     return not isinstance(node, ast.NamedExpr | ast.Lambda | ast.Await)
 
 
+_FUNCTIONS = (ast.Lambda, ast.FunctionDef, ast.AsyncFunctionDef)
+_ALL = frozenset(("__builtins__", "__import__", "eval", "exec", "globals", "locals", "vars"))
+_OF_FRAMES = re.compile(r"__|_getframe$|(f|tb|gi|cr|ag)_(frame|globals|locals|back|builtins)$")
+_OF_INTERPRETER = frozenset(("builtins", "ctypes", "gc", "inspect"))
+
+
+def _reaches_all(node: ast.AST) -> bool:
+    """Whether a part of a script may get at variables by other ways than their names."""
+    match node:
+        case ast.Name(name):
+            return name in _ALL
+        case ast.Attribute(attr=name):
+            return _OF_FRAMES.match(name) is not None
+        case ast.Import(names) | ast.ImportFrom(names=names):
+            modules = {getattr(node, "module", None) or "", *(alias.name for alias in names)}
+            return any(one.partition(".")[0] in _OF_INTERPRETER or _OF_FRAMES.match(one) for one in modules)
+    return False
+
+
 # ---- what is changed in place ----------------------------------------------------------------------------------------
 
 COMPUTING = frozenset(
@@ -310,16 +352,34 @@ def changed_names(tree: ast.AST) -> set[str]:
 def changed_place(node: ast.AST) -> ast.AST | None:
     """Return the expression whose object a part of a script changes, if it changes one."""
     match node:
+        case ast.Attribute(value=value, attr=name) if name in CHANGING_METHODS:
+            return value  # whether it is called, or given away to be called
         case ast.Subscript(value=value, ctx=ctx) | ast.Attribute(value=value, ctx=ctx):
             return None if isinstance(ctx, ast.Load) else value
-        case ast.Call(func=ast.Attribute(value=value, attr=name)):
-            return value if name in CHANGING_METHODS else None
     return None
+
+
+def changes_itself(call: ast.Call) -> bool:
+    """Return whether a call is one of a changing method of a variable."""
+    match call:
+        case ast.Call(func=ast.Attribute(value=value, attr=name), keywords=[]):
+            return name in CHANGING_METHODS and not root(value) & COMPUTING
+    return False
 
 
 def changes_parts(tree: ast.AST) -> bool:
     """Return whether a script may change, in place, what is a part of another value."""
-    return bool(changed_names(tree) & parts_of(tree))
+    places = list(filter(None, map(changed_place, ast.walk(tree))))
+    inside = {name for place in places if not isinstance(place, ast.Name) for name in root(place)}
+    return bool(changed_names(tree) & parts_of(tree) or inside & bound_in(tree))
+
+
+def bound_in(tree: ast.AST) -> set[str]:
+    """Return the names that a script sets itself, and those of parameters and patterns."""
+    nodes = list(ast.walk(tree))
+    names = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    names |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    return names | {str(node.name) for node in nodes if isinstance(node, ast.MatchAs | ast.MatchStar)}
 
 
 def parts_of(tree: ast.AST) -> set[str]:
@@ -332,14 +392,16 @@ def parts_of(tree: ast.AST) -> set[str]:
             targets += node.targets
         elif isinstance(node, ast.NamedExpr) and not isinstance(node.value, NEW):
             targets.append(node.target)
-    return {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+    stored = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    inside = {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+    return inside | (bound_in(tree) - stored)
 
 
 def root(node: ast.AST) -> set[str]:
-    """Return the variable that an attribute or item belongs to."""
+    """Return the variable that an attribute or item belongs to; of an item of a computed value those that it is of."""
     while isinstance(node, ast.Subscript | ast.Attribute):
         node = node.value
-    return {node.id} if isinstance(node, ast.Name) else set()
+    return {*_whole(node)}
 
 
 def handed_over(call: ast.Call) -> Iterator[str]:

@@ -273,6 +273,7 @@ class _Rewriter:
         writes = {name for process in processes for name in written_by(process)}.union(*asked)
         is_open = not all(asked) or any(script_effects(node).open for one in processes for node in one.body.walk())
         changes = self._with_aliases(name for process in processes for name in changed_by(process))
+        changes |= self.to.facts.leaked
         used = self._with_aliases(name for process in processes for name in assigned_by(process))
         results = set[str]()
         if call.io is not None:

@@ -25,7 +25,7 @@ from fame.check.expressions import expressions_in
 from fame.engine.data import variable_name
 from fame.scripting.effects import effects_of
 from fame.scripting.python import accepted
-from fame.scripting.python_effects import NEW, changed_place, handed_over, root, syntax_tree
+from fame.scripting.python_effects import NEW, changed_place, changes_itself, handed_over, root, syntax_tree
 
 SHARED = "_shared_"
 """The name under which scripts call `shared`."""
@@ -165,7 +165,7 @@ def changes_in_place(script: model.Expression) -> frozenset[ChangedPlace]:
             changes.add((node.target.id, True))
         elif (place := changed_place(node)) is not None:
             changes |= {(name, isinstance(place, ast.Name)) for name in root(place)}
-        elif isinstance(node, ast.Call):
+        elif isinstance(node, ast.Call) and not changes_itself(node):
             changes |= {
                 (name, False) for name in handed_over(node) if name in effects_of(script, script=True).may_change
             }

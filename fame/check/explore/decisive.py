@@ -102,11 +102,13 @@ def _add_script(flow: _Flow, use: ExpressionUse, facts: TeamFacts, *, caught: bo
     publishes = {*use.effects.publishes} & (facts.shared | facts.types.keys())
     if publishes or caught or any(word in use.expression.text for word in _NOTICED):
         flow.needed |= use.reads
+    if "(" in use.expression.text:
+        flow.links.append((use.reads, facts.leaked))
     if divided and not caught:
         flow.links += links(use.expression)
     else:
         marked = use.expression.text.startswith(SHARED)  # by `Aliases.marked`, with what it may change besides
-        changes = use.effects.may_change if marked else frozenset()
+        changes = use.effects.may_change if marked else use.effects.reaches
         flow.links.append((use.reads, use.effects.writes | changes))
 
 

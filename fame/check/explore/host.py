@@ -177,6 +177,8 @@ class ExplorationHost:
         """Conditions whose outcome is remembered, see `remembering`."""
         self.memory: Memory = Memory({})
         self.aliases: Aliases = model.facts.aliases
+        self.leaked: Set[str] = model.facts.leaked
+        """Variables that any function may change, see `TeamFacts`."""
         self._again: deque[int] = deque()
         """What was chosen before in the condition that is asked again."""
         self._blank: dict[str, int] = {}
@@ -316,14 +318,21 @@ class ExplorationHost:
             return value
         return self.choose(LENGTHS) if number else [*iter(self.values.unknown)]
 
-    def _reading(self, run: Callable[..., Any], names: Iterable[str]) -> Callable[..., Any]:
-        """A text that first takes as unknown the code or text of a caught error of which nothing is known."""
+    def _reading(
+        self, run: Callable[..., Any], names: Iterable[str], sets: Iterable[str] = ()
+    ) -> Callable[..., Any]:  # fmt: skip
+        """A text that first takes as unknown the code or text of a caught error of which nothing is known, and then
+        the functions and methods that it has set."""
 
         def run_unmarked(variables: dict[str, Any]) -> Any:
             for name in names:
                 if isinstance(value := variables.get(name), str) and MARK in value:
                     variables[name] = self.values.unknown
-            return run(variables)
+            result = run(variables)
+            for name in sets:
+                if name in variables and callable(variables[name]):
+                    variables[name] = self.values.unknown
+            return result
 
         return run_unmarked
 
@@ -378,12 +387,14 @@ class ExplorationHost:
     def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
         step, effects = step_of(script), effects_of(script, script=True)
         step = replace(step, codes=tuple(sorted({*step.codes, *self.asks.get(element, ())})))
+        reaches = effects.reaches | (self.leaked if "(" in script.text else frozenset())
+        step = replace(step, changes=tuple(sorted(reaches.union(step.changes))))
         if script.language == "javascript":
             shown = {other for name in step.changes for other in self.aliases.of((name, False))}
             step = replace(step, changes=tuple(sorted(shown.union(step.changes))))
         run: Callable[..., Any] = _nothing
         if script.language == "python":
-            run = self._reading(compile_script(asking(script), file=file, element=element), effects.reads)
+            run = self._reading(compile_script(asking(script), file=file, element=element), effects.reads, effects.sets)
         computable = is_computable(script, self.fields)
         executed = computable and not (effects.waits or effects.catches)
         if (effects.fails or effects.computes_code) and not executed:
@@ -405,7 +416,7 @@ class ExplorationHost:
             quiet
             and element not in self.caught
             and not (step.open or fails_alone(script))
-            and not any(map(self.kept, step.writes if computable else (*step.writes, *step.changes)))
+            and not any(map(self.kept, (*step.writes, *(reaches if computable else step.changes))))
         )
         if dropped:
             if may_raise(script):

@@ -74,7 +74,7 @@ def links(script: Expression) -> tuple[Dependency, ...]:
     statements = _statements(script)
     if statements is None:
         effects = effects_of(script, script=True)
-        return ((effects.reads, effects.writes),)
+        return ((effects.reads, effects.writes | effects.reaches),)
     return tuple(statement.link for statement in statements)
 
 

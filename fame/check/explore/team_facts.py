@@ -25,6 +25,7 @@ class TeamFacts:
     counted  variables with lists of which only the length is read
     unknown  variables whose values are certainly unknown
     aliases  variables that may hold the same list or mapping
+    leaked   variables whose values functions may change that a script has left
     catches  the codes that error events catch; "": any
     escalations  the codes of escalations that are caught
     named    the error codes that properties name
@@ -38,6 +39,7 @@ class TeamFacts:
     counted: frozenset[str]
     unknown: frozenset[str]
     aliases: Aliases
+    leaked: frozenset[str]
     catches: frozenset[str]
     escalations: frozenset[str]
     named: frozenset[str]
@@ -76,6 +78,7 @@ def facts_of(
         # A state that is given may hold a value that nothing in the model explains.
         unknown=frozenset() if given else unknown_variables(processes, from_outside, parameters),
         aliases=Aliases(body for process in processes for body in process.body.bodies()),
+        leaked=frozenset().union(*(script_effects(node).leaves for one in processes for node in one.body.walk())),
         catches=caught_codes(processes, model.ErrorDefinition),
         escalations=caught_codes(processes, model.EscalationDefinition) - {""},
         named=named,
