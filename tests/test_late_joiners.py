@@ -17,6 +17,8 @@ from fame.deploy.late_joiners import (
 )
 
 WAIT = Reported("A", "waiting"), Reported("B", "waiting")
+TURNS = WAIT[0], Polled(0), DeploymentEnded(), WAIT[1], Polled(6 * SECOND), DeploymentEnded()
+"""Each of two has failed without the other."""
 
 
 def after(*events, supplied: frozenset[str] = frozenset()) -> list[Supply]:
@@ -40,6 +42,10 @@ def after(*events, supplied: frozenset[str] = frozenset()) -> list[Supply]:
         ((*WAIT, Polled(0), RobotStarted("A"), DeploymentEnded(), WAIT[0], Polled(SECOND)), ("A",)),
         ((*WAIT, Polled(0), CalledOff("A"), DeploymentEnded(), Polled(SECOND)), ("A",)),
         ((*WAIT, Polled(0), CalledOff("A"), DeploymentEnded(), Polled(10 * SECOND)), ("A", "B")),
+        ((*TURNS, Polled(12 * SECOND)), None),
+        ((*TURNS, Reported("C", "waiting"), Polled(12 * SECOND)), ("C",)),
+        ((*TURNS, Polled(16 * SECOND)), ("A", "B")),
+        ((*TURNS, Left("B"), Polled(12 * SECOND)), ("A",)),
         ((WAIT[0], Polled(0), Left("A"), DeploymentEnded(), WAIT[0], Polled(SECOND)), ("A",)),
     ],
 )

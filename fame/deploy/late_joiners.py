@@ -3,8 +3,9 @@
 Theory of operation. `LateJoiners` listens to every engine that a pool of its model wants. Those that report ``waiting``
 are sent their parts, all that wait at that moment in one deployment, so that they find each other. Robots that have a
 process are left alone, whatever it is. If no robot has the model any more and some have another one, nobody is
-supplied: the team has gone on. A robot whose deployment failed is tried again after `RETRY` s, those that were
-called off because of it at once.
+supplied: the team has gone on. A robot whose deployment failed is tried again after `RETRY` s, with all others that
+have failed: alone, each in its turn, they would not find each other. Those that were called off because of it are
+tried at once.
 
 Who is supplied when is decided by a pure state machine, ``step(state, event) -> (state, actions)``.
 """
@@ -141,7 +142,8 @@ def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tup
 
 
 def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[LateJoinerAction, ...]]:
-    late = state.waiting - {robot for robot, time in state.retry if time > now}
+    failed = {robot: time for robot, time in state.retry if robot in state.waiting}
+    late = state.waiting - (failed.keys() if max(failed.values(), default=0) > now else set())
     if state.deploying or not late:
         return state, ()
     if state.others and not state.ours:  # the team runs another model: a late robot must not begin the old one alone

@@ -535,14 +535,16 @@ def stuck(team: Team) -> Iterator[str]:
     for name, state in states.items():
         if state == "idle":
             yield f"{name} has lost its mission, which has no end"
-    said = _lately(team, "/tick")
-    if states.get("A") == "running" and not said:
+    since = team.scheduler.now / SECOND - _SILENCE
+    begun = {said.robot for said in team.said if said.answer == "started" and said.time > since}
+    runs, said = {name for name, state in states.items() if state == "running"} - begun, _lately(team, "/tick")
+    if "A" in runs and not said:
         yield f"A runs and does nothing for {_SILENCE:g} s"
     for name in ("B", "C"):
-        if said and states.get(name) == "running" and _last(team, name, "kept") not in said:
+        if said and name in runs and _last(team, name, "kept") not in said:
             yield f"{name} runs and takes nothing for {_SILENCE:g} s: {said}"
     alarms = _lately(team, "/alarm")
-    if alarms and states.get("B") == "running" and _last(team, "B", "alarms") not in alarms:
+    if alarms and "B" in runs and _last(team, "B", "alarms") not in alarms:
         yield f"B runs and catches no alarm for {_SILENCE:g} s: {alarms}"
 
 
