@@ -205,6 +205,17 @@ def test_until_the_restored_state_is_written_as_a_whole_the_old_one_stays(
     assert written == ["begin_segment", "append", "begin_segment"]
 
 
+def test_a_task_waits_for_a_person_since_it_first_did(tmp_path: Path) -> None:
+    definitions = model(start() + catch("c", timer("PT2S")) + user("u") + end() + path("s c u e"))
+    for now in (0, 15, 22):
+        run = Recorded(definitions, tmp_path, now=now * SECOND)
+        if not now:
+            run.simulation.run(until=15)
+        (wait,) = run.node.waiting_tokens()
+        assert (wait.element, wait.since) == ("u", 2 * SECOND)
+        run.close()
+
+
 def test_an_element_that_completed_often_is_counted_after_the_end_too(tmp_path: Path) -> None:
     loop = start() + script("zero", "n = 0") + script("a", "n += 1") + gateway("exclusive", "x", default="x_e") + end()
     content = loop + path("s zero a x e") + flow("x", "a", "n < 300")

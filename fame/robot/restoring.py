@@ -44,6 +44,7 @@ def tables_of(node: RobotNode, epoch: int) -> Tables:
     return {
         **signals,
         "suspension": node.suspension.table(epoch),
+        "people": node.waiting.table(node.engine, epoch),
         "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
         "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
         "cancelled": host.runner.cancelled.table(),
@@ -150,6 +151,7 @@ def restored(node: RobotNode, contents: SegmentContents) -> Tables:
     node.attach(engine)
     take_unanswered(node, tables)
     node.suspension.restore(tables.get("suspension", {}), epoch_of(node))
+    node.waiting.restore(tables.get("people", {}), epoch_of(node))
     if node.acknowledged is not None:
         node.acknowledged.restore(tables, epoch_of(node))
     return tables

@@ -17,6 +17,7 @@ goals      the last goal of each waiting task, by key: hex id, action, type
 unanswered  calls and goals that had not ended before their tasks were suspended, by key: text, hex id
 begins     how a process that has not started yet is to: as a ``process``, or with a state that it has ``taken over``
 suspension  the person who suspended the mission, and when (ns since 1970)
+people     since when tasks wait for a person, by key of the wait (ns since 1970)
 answers    what the last requests of people were answered, by id: answer, reason, cause
 thrown, receivers, accepted   acknowledged signals (`fame.robot.acknowledged`)
 =========  =====================================================================================================

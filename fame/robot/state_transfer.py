@@ -120,6 +120,7 @@ def transfer_state(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[
     new.attach(engine)
     take_unanswered(new, tables_of(old, epoch_of(old)))
     new.suspension.restore(old.suspension.table(0), 0)
+    new.waiting.restore(old.waiting.table(old.engine, 0), 0)
     if new.acknowledged is not None and old.acknowledged is not None:
         new.acknowledged.restore(old.acknowledged.tables(epoch_of(old)), epoch_of(new))
     new.forget_early()

@@ -156,6 +156,16 @@ class WaitingTokens:
         """When `list` saw a token first (ns), else `now`."""
         return min(now, self._seen.get(wait.key, now))
 
+    def table(self, engine: Engine, epoch: int) -> dict[str, int]:
+        """Return since when persons are waited for, as a table (`fame.robot.state_tables`); `epoch` is the date of
+        time 0 (ns since 1970)."""
+        people = [wait.key for wait in _waits(engine) if wait.catch.trigger is USER]
+        return {str(key): self._seen.setdefault(key, self._scheduler.now) + epoch for key in people}
+
+    def restore(self, table: Mapping[str, int], epoch: int) -> None:
+        """Take from a table since when persons are waited for."""
+        self._seen |= {int(key): since - epoch for key, since in table.items()}
+
     def refresh_publishers(self) -> bool:
         """Look up the publishers. Returns whether they or the warnings have changed; `details` differ then."""
         topics, warned = known_topics(self._middleware), len(self._middleware.warnings)
