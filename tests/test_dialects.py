@@ -590,6 +590,19 @@ def test_a_target_of_camunda_8_may_be_a_field_of_a_variable() -> None:
 
 
 @pytest.mark.parametrize(
+    ("source", "value"), [("5", 5), ("-1.5", -1.5), ("true", True), ("5 m", "5 m"), ("=a // of the caller", 1)]
+)
+def test_a_field_has_the_value_that_a_variable_would_have(source: str, value: Any) -> None:
+    """Also where others are put into the same variable after it."""
+    more = '<zeebe:input source="=2" target="job.more"/>'
+    said = f'<zeebe:input source="{source}" target="job.id"/>{more}<zeebe:input source="{source}" target="plain"/>'
+    io = task_of(extensions(f"<zeebe:ioMapping>{said}</zeebe:ioMapping>")).io
+    assert io is not None
+    job, plain = (compile_expression(one.source)({"a": 1}) for one in io.inputs)
+    assert (job, plain) == ({"id": value, "more": 2}, value)
+
+
+@pytest.mark.parametrize(
     ("attributes", "io"),
     [
         ("", IoMapping((), (), True, True)),

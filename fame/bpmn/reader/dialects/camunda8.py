@@ -14,6 +14,7 @@ from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node, line_of, local_name
 
 _KEY = re.compile(rf"=\s*({PATH})|[$#]{{\s*({PATH})\s*}}")
+_CONSTANT = re.compile(r"-?\d+(\.\d+)?|true|false|null")
 IGNORED: Set[str] = {
     "userTask", "taskSchedule", "priorityDefinition",
     "executionListeners", "taskListeners", "linkedResources",
@@ -65,11 +66,17 @@ def _assign(into: list[Assignment], target: str, source: Expression, inwards: bo
     in_order = bool(read)
     if path:
         joins = bool(into) and into[-1].target == name and into[-1].source.language == "feel" and name not in read
-        before = f"({into[-1].source.text})" if joins else name if name in known or not inwards else "null"
+        before = _inside(into[-1].source) if joins else name if name in known or not inwards else "null"
         in_order = into.pop().in_order or in_order if joins else in_order or name in known
-        value = f"({source.text})" if source.language == "feel" else json.dumps(source.text, ensure_ascii=False)
-        source = Expression(f"context put({before}, {json.dumps(path)}, {value})", "feel", source.line)
+        source = Expression(f"context put({before}, {json.dumps(path)}, {_inside(source)})", "feel", source.line)
     into.append(Assignment(name, source, in_order))
+
+
+def _inside(source: Expression) -> str:
+    """A source as a part of an expression in FEEL: also one that ends with a comment, and a constant."""
+    if source.language != "feel":
+        return source.text if _CONSTANT.fullmatch(source.text) else json.dumps(source.text, ensure_ascii=False)
+    return f"({source.text}\n)" if "//" in source.text else f"({source.text})"
 
 
 def _task(context: Context, node: Node, extensions: Extensions) -> None:
