@@ -138,11 +138,11 @@ def test_an_event_takes_its_queue_and_its_boundary_timer_to_its_new_scope() -> N
 
 
 REFUSED = {
-    "repeated": (OPEN, inside(SEVERAL), "w: w is in q in the new model, a repeated embedded sub-process"),
+    "repeated": (OPEN, inside(SEVERAL), "w: w is in q in the new model, which is a repeated embedded sub-process"),
     "handler": (
         OPEN,
         start() + user("u") + path("s u") + handler("h", start("hs", signal("A")) + user("w") + path("hs w")),
-        "w is in h in the new model, a event sub-process, in which no token is",
+        "w is in h in the new model, which is a event sub-process in which no token is",
     ),
     "called": (
         OPEN,
@@ -198,6 +198,17 @@ def test_a_boundary_event_that_is_at_another_activity_now_is_closed() -> None:
     new.simulation.complete("w")
     new.simulation.signal("A")
     assert new.waiting == []
+
+
+def test_a_boundary_event_that_needs_other_signals_now_is_armed_anew() -> None:
+    def both(other: str) -> str:
+        event = boundary("b", "w", signal("A"), signal(other), parallelMultiple="true")
+        return start() + user("w") + event + user("y") + path("s w") + path("b y")
+
+    new = Migrated(run(both("B")).run().signal("A"), both("C"))
+    for name in "AC":
+        new.simulation.signal(name)
+    assert new.waiting == ["y"]
 
 
 def test_a_call_gets_what_it_calls_now_and_another_call_of_the_same_process_does_not_matter() -> None:

@@ -146,8 +146,10 @@ class Places:
     def _expect_left(self, scope: Data, element: str, home: str) -> None:
         """Raise Misplaced unless the only token of a scope can leave it without a trace."""
         old = self._before.get(self._old.by_key[scope["node"]].id) if scope["node"] in self._old.by_key else None
-        text = f"{element} is in {home} in the new model, and its token is in {old.id if old else 'another process'}"
-        plan = f"; {old.id}: {{to: ID}} in the plan ends that" if old else ""
+        if old is None:
+            raise Misplaced(f"{element} is in {home} in the new model, and its token is in another process")
+        text = f"{element} is in {home} in the new model, and its token is in {old.id}"
+        plan = f"; {old.id}: {{to: ID}} in the plan ends that"
         if not isinstance(old, model.SubProcess) or old.kind not in _PLAIN or old.loop is not None or scope["handles"]:
             raise Misplaced(f"{text}, which is no plain sub-process that it could leave{plan}")
         if scope["tokens"] > 1:
@@ -173,7 +175,7 @@ class Places:
             node = body.entries.get(owner.id)
             if owner.kind not in _PLAIN or owner.loop is not None or owner.for_compensation:
                 repeated = "repeated " if owner.loop is not None else ""
-                raise Misplaced(f"{text}, a {repeated}{owner.kind} sub-process, in which no token is{plan}")
+                raise Misplaced(f"{text}, which is a {repeated}{owner.kind} sub-process in which no token is{plan}")
             if node is None or node.body is None or node.key != owner.id or node.spec.own:
                 raise Misplaced(f"{text}, to which variables are assigned when it begins{plan}")
             body = node.body
