@@ -168,6 +168,20 @@ def _asks(name: str, after: str = "") -> str:
     return extensions(f'<camunda:formData><camunda:formField id="{name}" type="long"/></camunda:formData>{after}')
 
 
+def _unreachable(branch: str, behind: str = '<task id="X"/>', condition: str = "n != 0") -> list[str]:
+    """What of two branches is called unreachable: U and X behind it, and W with a decision behind it."""
+    ways = [("S", "I"), ("I", "F"), ("F", "W"), ("F", "U"), ("W", "G"), ("U", "X")]
+    text = process(
+        '<startEvent id="S"/><scriptTask id="I"><script>n = 0; xs = []</script></scriptTask><parallelGateway id="F"/>'
+        f'<userTask id="W">{_asks("x")}</userTask>{branch}<exclusiveGateway id="G" default="N"/>{behind}'
+        + "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ways)
+        + '<task id="Y"/><task id="Z"/><sequenceFlow id="N" sourceRef="G" targetRef="Z"/><sequenceFlow id="GY" '
+        f'sourceRef="G" targetRef="Y"><conditionExpression>{condition}</conditionExpression></sequenceFlow>',
+        '<signal id="Sig" name="~/n"/>',
+    )
+    return [one.text for one in explore(fame.read(text.encode())).findings if one.kind == "unreachable"]
+
+
 @pytest.mark.parametrize(
     "sets",
     [
@@ -180,13 +194,12 @@ def _asks(name: str, after: str = "") -> str:
 )
 def test_what_a_branch_sets_that_another_one_reads_is_set_before_it_and_after_it(sets: str) -> None:
     """Only before: what comes behind a decision on the value that is set later was called unreachable."""
-    ways = [("S", "I"), ("I", "F"), ("F", "W"), ("F", "U"), ("W", "G"), ("U", "X")]
-    text = process(
-        '<startEvent id="S"/><scriptTask id="I"><script>n = 0</script></scriptTask><parallelGateway id="F"/>'
-        f'<userTask id="W">{_asks("x")}</userTask>{sets}<exclusiveGateway id="G" default="N"/><task id="X"/>'
-        + "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ways)
-        + '<task id="Y"/><task id="Z"/><sequenceFlow id="N" sourceRef="G" targetRef="Z"/><sequenceFlow id="GY" '
-        'sourceRef="G" targetRef="Y"><conditionExpression>n != 0</conditionExpression></sequenceFlow>',
-        '<signal id="Sig" name="~/n"/>',
-    )
-    assert [one.text for one in explore(fame.read(text.encode())).findings if one.kind == "unreachable"] == []
+    assert _unreachable(sets) == []
+
+
+@pytest.mark.parametrize(
+    "text", ["xs.append(3)", "list.append(xs, 3)", "xs[:] = [3]", "import lib; lib.fill(xs)", "globals()['xs'] = [3]"]
+)
+def test_what_a_branch_changes_in_place_is_changed_before_and_after_another_one_reads_it(text: str) -> None:
+    script = f'<scriptTask id="X"><script>{text}</script></scriptTask>'
+    assert _unreachable(f'<userTask id="U">{_asks("k")}</userTask>', script, "len(xs) == 1") == []

@@ -62,7 +62,10 @@ class Structure:
             element = use.element.source if isinstance(use.element, model.SequenceFlow) else use.element.id
             if element in self._touched:
                 reads = use.reads if use.use != "script" else use.reads | use.effects.sets
-                self._touched[element].add(_Touched(set(reads) & self._kept, set(use.effects.sets) & self._kept))
+                writes = use.effects.writes | use.effects.may_change
+                writes |= self._host.names if use.effects.open else frozenset()
+                writes |= self._host.leaked if "(" in use.expression.text else frozenset()
+                self._touched[element].add(_Touched(set(reads) & self._kept, set(writes) & self._kept))
         for node in body.nodes:
             self._nodes[node.id] = node
             self._touched[node.id].writes |= {*used_besides_texts(node, body)} & self._kept
