@@ -64,10 +64,12 @@ def test_called_processes_and_pools_of_many_robots_are_in_it() -> None:
 class Graph:
     """A graph with a robot whose nodes have everything of `contract`, unless `without` names it."""
 
-    def __init__(self, *without: str, range_type: str = "sensor_msgs/msg/Range", **options: Any) -> None:
+    def __init__(
+        self, *without: str, range_type: str = "sensor_msgs/msg/Range", name: str = "REX", **options: Any
+    ) -> None:
         self.scheduler = Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
-        node = self.middleware.node("driver", "REX")
+        node = self.middleware.node("driver", name)
         if "range" not in without:
             node.publisher("range", range_type, **options)
         if "led" not in without:
@@ -84,6 +86,7 @@ class Graph:
 
 def test_a_graph_that_has_everything_has_no_findings() -> None:
     assert Graph().findings() == []
+    assert Graph(name="rex").findings() == []  # as robots are named
 
 
 @pytest.mark.parametrize(

@@ -157,11 +157,12 @@ def compare(
 
 
 def _robots(endpoint: ContractEndpoint, middleware: Middleware) -> list[str]:
-    """The robots of the endpoint's pool; of a multi-instance pool those that are in the graph, else the first."""
-    if not endpoint.multi_instance:
-        return [endpoint.robot]
-    pattern = re.compile(rf"{re.escape(endpoint.robot)}_\d+", re.IGNORECASE)
-    return [name for name in middleware.namespaces() if pattern.fullmatch(name)] or [f"{endpoint.robot}_1"]
+    """The robots of the endpoint's pool as the graph writes them, whose case counts only there; of a multi-instance
+    pool those that are in the graph, else the first."""
+    number = "_1" if endpoint.multi_instance else ""
+    pattern = re.compile(re.escape(endpoint.robot) + (r"_\d+" if number else ""), re.IGNORECASE)
+    there = [name for name in middleware.namespaces() if pattern.fullmatch(name)]
+    return [endpoint.robot] if endpoint.robot in there else there or [f"{endpoint.robot}{number}"]
 
 
 class _Probe:
