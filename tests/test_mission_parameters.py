@@ -52,6 +52,7 @@ def test_a_scenario_gives_them_by_robot_and_for_all(model: Path) -> None:
     path.write_text(f"model: {model.name}\ncomputers: [REX, DINGO]\nvariables: {{limit: 7, REX: {{speed: 0.5}}}}\n")
     assert logged(Scenario.load(path)) == ["0.5 7", "0.25 7"]
     assert logged(Scenario.load(path, variables={"REX": {"speed": 2}})) == ["2 7", "0.25 7"]
+    assert logged(Scenario.load(path, variables={"limit": 8, "DINGO": {"speed": 2}})) == ["0.5 8", "2 8"]
 
 
 def test_the_command_line_sets_them(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,6 +82,8 @@ def test_what_the_model_does_not_have_is_refused(
 def test_the_python_interface_refuses_them_too(model: Path) -> None:
     with pytest.raises(ConfigError, match="REX has no variable 'sped'"):
         Scenario.load(model, variables={"REX": {"sped": 1}})
+    with pytest.raises(ConfigError, match=r"variables: expected a mapping of names to values, got \[1\]"):
+        Scenario.load(model, variables=[1])  # type: ignore[arg-type]
 
 
 def test_check_explain_shows_them_with_their_defaults(model: Path) -> None:

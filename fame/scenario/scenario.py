@@ -30,7 +30,7 @@ from fame.robot import Event, make_mission
 from fame.scenario.plan import Completion, Fault, OutsideSignal, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result, mistyped_topics
 from fame.scenario.run import Pace, Run
-from fame.scenario.settings import check_network, with_parameters
+from fame.scenario.settings import by_robot, check_network, with_parameters
 from fame.scripting.effects import Direction, computed_topics
 from fame.text import suggestion
 
@@ -68,7 +68,7 @@ class Scenario(Plan):
         faults: Sequence[Fault] = (),
         completions: Sequence[Completion] = (),
         network: NetworkConfig | None = None,
-        variables: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+        variables: Mapping[str, Any] = MappingProxyType({}),
         changes: Mapping[str, Any] = MappingProxyType({}),
         model: Definitions | None = None,
     ) -> Scenario:
@@ -78,7 +78,7 @@ class Scenario(Plan):
         folders. `robots` is the number of robots of multi-instance pools, by pool (for a model alone the default is the
         minimum of its multiplicity); robots beyond those of the file are copies of its last one, placed by the seed.
         `faults` are injected; `completions` are added to those of the file. `network` adds links and partitions to the
-        file's; `variables` are mission parameters by robot (empty: all) and override the file.
+        file's; `variables` are mission parameters as there, of all robots or by robot, and override the file.
         `changes` are other values of the file, by path (`world.robots.REX.at`); `model` is taken for that of the file.
 
         Raises ConfigError and ModelError with file, line, expected and actual value.
@@ -86,6 +86,7 @@ class Scenario(Plan):
         from fame.bpmn.reader import read
 
         _expect_arguments(path, seed, duration, epoch, robots, faults, completions)
+        expect(isinstance(variables, Mapping), "variables", variables, "a mapping of names to values")
         if network is not None:
             from fame.middleware.network import NetworkConfig
 
@@ -105,7 +106,7 @@ class Scenario(Plan):
         nodes = {robot: _tasks(folders, definitions, pool) for robot, pool in cast.items()}
         completions = tuple(_completions(wanted, nodes, content))
         joined = _joined(content, network, list(cast))
-        values = _merged(content.variables, variables)
+        values = _merged(content.variables, by_robot(variables))
         cast, chosen = with_parameters(cast, definitions, folders, values, content.source)
         return cls(
             file=str(path),

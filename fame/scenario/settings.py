@@ -117,12 +117,25 @@ def _error(source: Source, path: str, text: str) -> ConfigError:
 
 def read_variables(value: ConfigValue) -> dict[str, dict[str, Any]]:
     """Read the key ``variables``: by robot, and for all robots those that are no mapping. Raises ConfigError."""
+    given = value.mapping().items()
+    return by_robot(
+        {
+            name: {variable: one.data for variable, one in item.mapping().items()}
+            if isinstance(item.data, Mapping)
+            else item.data
+            for name, item in given
+        }
+    )
+
+
+def by_robot(variables: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return mission parameters by robot; those that are no mapping are for all robots."""
     found: dict[str, dict[str, Any]] = {}
-    for name, item in value.mapping().items():
-        if isinstance(item.data, Mapping):
-            found[name] = {variable: one.data for variable, one in item.mapping().items()}
+    for name, item in variables.items():
+        if isinstance(item, Mapping):
+            found.setdefault(name, {}).update(item)
         else:
-            found.setdefault(ALL, {})[name] = item.data
+            found.setdefault(ALL, {})[name] = item
     return found
 
 
