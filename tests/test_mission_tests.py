@@ -231,6 +231,8 @@ def test_an_element_may_be_expected_to_have_completed_never(vehicles: MissionUnd
         ("x = 1", 1.0000001, 1.1),
         ("x = {'a': 0.1 + 0.2}", {"a": 0.3}, {"a": 0.3, "b": 1}),
         ("x = 'a'", "a", "b"),
+        ("x = 1", 1, True),
+        ("x = [True]", [True], [1.0]),
     ],
 )
 def test_numbers_are_compared_to_a_millionth_at_any_depth(

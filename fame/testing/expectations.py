@@ -111,7 +111,8 @@ class Expectation:
     def has(self, **variables: Any) -> Expectation:
         """Expect these values of process variables of the last instance.
 
-        Numbers of which one is a float are compared to a millionth, also in lists and mappings; arrays count as lists.
+        Numbers of which one is a float are compared to a millionth, also in lists and mappings; arrays count as lists;
+        True is not 1.
         """
         __tracebackhide__ = True
         now = self._mission.variables(self._robot)
@@ -247,6 +248,8 @@ def check_seconds(asked: str, seconds: float) -> None:
 
 def _equal(found: Any, wanted: Any) -> bool:
     found, wanted = (value.tolist() if hasattr(value, "tolist") else value for value in (found, wanted))
+    if isinstance(found, bool) != isinstance(wanted, bool):
+        return False
     if isinstance(found, int | float) and isinstance(wanted, int | float) and float in (type(found), type(wanted)):
         return math.isclose(found, wanted, rel_tol=1e-6, abs_tol=1e-6)
     if isinstance(found, list | tuple) and type(found) is type(wanted):
