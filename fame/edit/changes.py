@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from fame.bpmn.difference import ElementChange, difference, elements_of, facts
 from fame.bpmn.model import GATEWAYS, PLACES, TASKS, Artifact, Definitions, Edge, Element, Shape
 from fame.bpmn.reader.document import read_tree
-from fame.bpmn.reader.xml import BPMN, Node, ids_in, invented_id, is_reference, line_of, local_name, parse
+from fame.bpmn.reader.xml import BPMN, Node, ids_in, invented_id, is_reference, line_of, local_name, parse, text_of
 from fame.dataclasses import dataclass, replace
 from fame.text import printable
 
@@ -33,7 +33,7 @@ _OUTSIDE = ("structureRef", "implementationRef")
 _UNREAD: Mapping[str, str] = {
     "targetNamespace": "", "typeLanguage": "http://www.w3.org/2001/XMLSchema", "isClosed": "false",
     "processType": "None", "gatewayDirection": "Unspecified", "isImmediate": "", "startQuantity": "1",
-    "completionQuantity": "1",
+    "completionQuantity": "1", "textFormat": "text/plain",
 }  # fmt: skip
 """Attributes of BPMN that no model has -> what they are without being written."""
 _ROOT = "definitions"
@@ -185,11 +185,13 @@ def _references_changed(old: Definitions, new: Definitions) -> dict[str, list[tu
 
 
 def _foreign(definitions: Definitions, whole: Collection[str] = ()) -> dict[str, _Content]:
-    """The content of other tools in each element that has some, by id; all of those that cannot be executed (`whole`).
+    """The content of other tools in each element that has some, and documentation that no model has, by id; all of
+    those that cannot be executed (`whole`).
 
     What is in a part of an element (a data input, a timer) is that of the element.
     """
     found = dict[str, list[_Content]]()
+    told = {one.id: one.documentation for one in definitions.elements()}
     root = parse(definitions.source, definitions.file) if definitions.source else None
     for element, home in _homes(definitions, root, whole) if root is not None else ():
         if not element.tag.startswith(f"{{{BPMN}}}"):
@@ -197,7 +199,8 @@ def _foreign(definitions: Definitions, whole: Collection[str] = ()) -> dict[str,
         holders = element.findall(f"{{{BPMN}}}extensionElements")
         content: list[_Content] = [] if element is root else sorted(_foreign_attributes(element))
         content += [_content(one) for holder in holders for one in holder]
-        content += [_content(element)] * (element.get("id", "") in whole)
+        is_untold = local_name(element) == "documentation" and text_of(element).strip() not in told.get(home, "")
+        content += [_content(element)] * (element.get("id", "") in whole or is_untold)
         if content:
             found.setdefault(home, []).extend(content)
     return {id: tuple(sorted(content, key=repr)) for id, content in found.items()}
@@ -237,7 +240,8 @@ def lines(found: ModelDifference) -> Iterator[str]:
         yield f"{sign} cannot be executed: {text}"
     if found.foreign:
         names = ", ".join(one.display_name for one in found.foreign.values())
-        yield f"{_number(len(found.foreign), 'element')} with other extensions, the same for FAME: {names}"
+        number = _number(len(found.foreign), "element")
+        yield f"{number} with other extensions or documentation, the same for FAME: {names}"
     if found.moved:
         names = ", ".join(one.element.display_name for one in found.moved)
         yield f"{_number(len(found.moved), 'shape')} moved: {names}"
