@@ -571,7 +571,7 @@ def test_what_is_computed_from_something_unknown_is_unknown(number: str) -> None
 
 
 @pytest.mark.long_but("1*")
-@pytest.mark.parametrize(("carriers", "limit"), [(1, 1_000), (2, 20_000), (3, 150_000)])
+@pytest.mark.parametrize(("carriers", "limit"), [(1, 1_000), (2, 20_000), (3, 400_000)])
 def test_the_warehouse_completes_from_every_state(carriers: int, limit: int) -> None:
     result = explore("examples/warehouse.yaml", robots={"Carrier": carriers}, limit=limit)
     assert result.exhaustive
