@@ -200,13 +200,14 @@ def test_a_boundary_event_that_is_at_another_activity_now_is_closed() -> None:
     assert new.waiting == []
 
 
-def test_a_boundary_event_that_needs_other_signals_now_is_armed_anew() -> None:
-    def both(other: str) -> str:
-        event = boundary("b", "w", signal("A"), signal(other), parallelMultiple="true")
+def test_a_boundary_event_that_needs_more_signals_now_is_armed_anew() -> None:
+    def all_of(names: str) -> str:
+        event = boundary("b", "w", *map(signal, names), parallelMultiple="true")
         return start() + user("w") + event + user("y") + path("s w") + path("b y")
 
-    new = Migrated(run(both("B")).run().signal("A"), both("C"))
-    for name in "AC":
+    new = Migrated(run(all_of("AB")).run().signal("A"), all_of("ABC"))
+    for name in "BCA":
+        assert new.waiting == ["w"]
         new.simulation.signal(name)
     assert new.waiting == ["y"]
 

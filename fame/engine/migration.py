@@ -382,9 +382,7 @@ class _Migration:
                 continue
             if not item["token"]:
                 there = owner in kept or (owner in self._scopes and owner not in self._gone)
-                if not there or self._has_other_alternatives(item, item["node"]):
-                    continue
-                if self._new.by_key[node] not in self._armed_for(item, kept):
+                if not there or self._new.by_key[node] not in self._armed_for(item, kept):
                     continue
             kept[item["key"]] = {**item, "node": node}
         return list(kept.values())
