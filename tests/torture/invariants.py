@@ -325,9 +325,18 @@ def _keeps(team: Team, name: str, first: int | None) -> bool:
 
 
 def _hears_anybody(team: Team, node: RobotNode) -> bool:
-    """Whether a robot catches what robots have thrown, perhaps for the mission before: plain topics promise nothing."""
-    uses = node.mission.types.values()
-    return any(use.catches and not (use.throws or use.ttl) and team.fabric.published.get(use.name) for use in uses)
+    """Whether a robot catches what robots have thrown, perhaps for the mission before: plain topics promise nothing.
+
+    What it throws itself is of its version: that may be of the mission before if the same version has begun again.
+    """
+    migrations = {sender.process.name for sender in team.senders if sender.migrates}
+    starts = [one for one in team.said if (one.robot, one.answer) == (node.name, "started")]
+    begun = max((one.time for one in starts if one.deployment not in migrations), default=0.0)
+    for use in node.mission.types.values():
+        thrown = [time for time, *_ in team.fabric.published.get(use.name, ())] if use.catches and not use.ttl else []
+        if thrown and not (use.throws and thrown[0] > begun):
+            return True
+    return False
 
 
 def half_applied(team: Team) -> Iterator[str]:

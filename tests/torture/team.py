@@ -97,6 +97,7 @@ class Robot:
     wire: Wire | None = None
     engine: EngineNode | None = None
     durable: bool = False
+    promised: dict[str, float] = field(default_factory=dict)  # what its process has promised to start, since when (s)
     spoilt: bool = False  # whether its state was lost, or rot
     fresh: bool = False  # whether a person has put its old state aside
     began: float = 0.0  # when its process began (s)
@@ -359,6 +360,7 @@ class Team:
                 robot.excuses.append((self.scheduler.now / SECOND, "crash"))
                 if robot.machine.disk.removed:  # all that it had is lost with it
                     robot.spoilt = True
+                    robot.promised.clear()
                     self.released |= {(one.robot, one.deployment) for one in self.said if one.robot == robot.name}
             case "stop":
                 process = self.robots[step.target].process
@@ -741,7 +743,8 @@ class Team:
 
     def _listen(self, robot: Robot, engine: EngineNode, process: Process) -> None:
         """Note every answer that an engine gives."""
-        publish, asked, promised = engine.status.publish, set[str](), dict[str, float]()
+        publish, asked = engine.status.publish, set[str]()
+        robot.promised = promised = dict[str, float]()
         robot.witness.watch(engine)
 
         def published(answer: str = "", deployment: str = "", reason: str = "", *rest: Any, **more: Any) -> None:
