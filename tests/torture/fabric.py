@@ -50,6 +50,7 @@ class Fabric:
         self.cuts: Counter[frozenset[str]] = Counter()  # of machines
         self.mute: Counter[str] = Counter()  # machines that hear, and are not heard
         self.delay, self.loss = 0.002, 0.0  # s at most, probability
+        self.unheard: set[str] = set()  # processes whose request was lost, though they know its server
         self.twice = 0.0  # probability that a goal, or a message of a protocol which repeats itself, arrives again
         self.struck: Counter[str] = Counter()
         self.published: dict[str, list[tuple[float, str, AnyMessage]]] = {}  # topic -> (s, process, message)
@@ -174,6 +175,10 @@ class Link:
         if self.known:
             self.known = False
             self.fabric.struck["lease"] += 1
+        back = self.fabric.links.get((self.target.id, self.source.id))
+        requests = [one for one in self._waiting if isinstance(one, tuple) and isinstance(one[0], Client)]
+        if requests and back is not None and back.open:
+            self.fabric.unheard.add(self.source.id)
         lost = sum(map(len, self._waiting.values()))
         self.fabric.struck["lost with the lease"] += lost
         self._waiting.clear()

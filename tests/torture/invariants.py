@@ -315,9 +315,12 @@ def _keeps(team: Team, name: str, first: int | None) -> bool:
     assert mission is not None
     node = robot.engine.running if robot.engine is not None and robot.engine.state != "holding" else None
     kept = mission["calm"] and robot.durable and not (robot.spoilt or robot.witness.changed) and first is not None
-    if not kept or node is None:
+    if not kept or node is None or robot.process is None:
         return False
-    dated = any("_date_" in element for one in node.instances for element in one.waiting)  # a clock far behind
+    waiting = [element for one in node.instances for element in one.waiting]
+    if robot.process.name in team.fabric.unheard and any("_go_" in one or "_ask_" in one for one in waiting):
+        return False  # for an answer: nothing tells it that its server has not got the request
+    dated = any("_date_" in element for element in waiting)  # a clock far behind
     several = len({said.deployment for said in team.said if said.answer == "started"}) > 1 and _hears_anybody(
         team, node
     )
