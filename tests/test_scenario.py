@@ -317,6 +317,14 @@ def test_a_join_that_waits_in_vain_is_named(tmp_path):
     assert run(path).messages[-1] == "P waits at j for a token on 1 of its 2 flows"
 
 
+def test_a_complex_gateway_whose_condition_is_false_is_named(tmp_path):
+    gateway = '<complexGateway id="j"><activationCondition>False</activationCondition></complexGateway>'
+    flow = '<sequenceFlow id="f" sourceRef="s" targetRef="j"/>'
+    path = tmp_path / "complex.bpmn"
+    path.write_text(process(f'<startEvent id="s"/>{gateway}{flow}'))
+    assert run(path).messages[-1] == "P waits at j for another token: its activation condition is false"
+
+
 def test_a_run_without_a_world_is_over_when_its_last_element_is(tmp_path):
     timer = "<timerEventDefinition><timeDuration>PT0.25S</timeDuration></timerEventDefinition>"
     path = tmp_path / "wait.bpmn"

@@ -318,7 +318,7 @@ def _endless_loops(process: CheckedProcess, graph: FlowGraph) -> Iterator[Findin
 def _passes(node: FlowNode) -> bool:
     """Whether every token passes the node without waiting and without an error."""
     if isinstance(node, Gateway) and node.kind != "exclusive":
-        return len(node.incoming) < 2 and passes_at_once(node)
+        return len(node.incoming) < 2 and node.activation is None and passes_at_once(node)
     if node.body is not None:
         return node.tag != "adHocSubProcess" and all(_passes(each) for each in node.body.nodes)
     return passes_at_once(node)

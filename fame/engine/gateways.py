@@ -259,7 +259,8 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
     node = context.counted(context.node(gateway, steps.pass_on, spec=spec))
     context.place(gateway, node)
     context.leads[gateway.id] = partial(_lead_on, context, gateway, node)
-    if gateway.kind in _ARRIVALS and len(gateway.incoming) > 1:
+    joins = len(gateway.incoming) > 1 or (gateway.activation is not None and gateway.incoming)
+    if gateway.kind in _ARRIVALS and joins:
         spec.need = len(gateway.incoming)
         if gateway.kind == "complex":
             if gateway.activation is None:

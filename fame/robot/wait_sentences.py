@@ -15,6 +15,7 @@ SENTENCES: Mapping[str, str] = {
     "condition": "condition {text}",
     "join": "tokens on its other flows",
     "flows": "a token on {open} of its {all} flows",
+    "activation": "another token: its activation condition is false",
     "service": "the service {name} to answer",
     "action": "the action {name} to end",
     "due": "the end of its suspension: it {why}",

@@ -196,7 +196,8 @@ class WaitingTokens:
             by = self._suspender(wait, now)
             waiting_tokens.append(WaitingToken(self._robot, wait.node.id, text, since, counts, self._place(wait), by))
         for scope, join, held in joins:
-            text = sentence("flows", open=held.count(0) or "more", all=join.spec.need)
+            empty = held.count(0)
+            text = sentence("flows", open=empty, all=join.spec.need) if empty else sentence("activation")
             place = self._shown(join)
             waiting_tokens.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id], place=place))
         return waiting_tokens

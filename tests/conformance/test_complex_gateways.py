@@ -19,6 +19,14 @@ def test_it_passes_when_its_activation_condition_is_true(play: Play) -> None:
     assert run.complete("c").log.endswith("c) j k")
 
 
+@pytest.mark.parametrize(("condition", "log"), [("n > 0", "s j k =completed"), ("n > 1", "s")])
+def test_its_condition_counts_with_one_incoming_flow_too(play: Play, condition: str, log: str) -> None:
+    joined = gateway("complex", "j", f"<activationCondition>{condition.replace('>', '&gt;')}</activationCondition>")
+    run = play(start() + joined + script("k") + path("s j k"), {"n": 1}).run()
+    assert run.log == log
+    assert run.waiting == ([] if run.status == "completed" else ["j"])
+
+
 def test_tokens_that_come_later_are_swallowed(play: Play) -> None:
     run = play(three("activationCount >= 2")).run().complete("a").complete("b").complete("c")
     assert run.visits["j"] == run.visits["k"] == 1
