@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import runpy
 import subprocess
 from collections.abc import Iterator
@@ -422,6 +423,22 @@ def test_everything_is_laid_out_again_if_asked_to() -> None:
     again = read_bytes(add_diagram(model, again=True), file=model.file)
     assert again.shapes == lay_out(read_bytes(without_diagram(model.source))).shapes != model.shapes
     assert again.processes == model.processes
+
+
+def test_colours_labels_and_ids_of_a_diagram_stay_when_it_is_laid_out_again() -> None:
+    named = 'xmlns:color="urn:colour" id="D" name="Plan"'
+    old = drawn(
+        '<task id="t"/><startEvent id="s" name="go"/>' + flow("s", "t"), t=(500, 500, 100, 80), s=(1, 1, 36, 36)
+    )
+    text = old.source.decode().replace("<bpmndi:BPMNDiagram>", f"<bpmndi:BPMNDiagram {named}><!-- why -->")
+    text = text.replace('bpmnElement="t"', 'bpmnElement="t" color:fill="#f00"').replace(' id="p"', ' id="Pl"')
+    text = text.replace('height="36"/>', 'height="36"/><bpmndi:BPMNLabel labelStyle="L"/>')
+    new = add_diagram(read_text(text), again=True).decode()
+    assert text.partition("<bpmndi:BPMNShape")[0].rstrip() == new.partition("<bpmndi:BPMNShape")[0].rstrip()
+    (task,) = re.findall('<bpmndi:BPMNShape[^>]*bpmnElement="t"[^>]*>', new)
+    assert 'color:fill="#f00"' in task
+    assert re.findall("<bpmndi:BPMNLabel[^>]*>", new) == ['<bpmndi:BPMNLabel labelStyle="L">']
+    assert read_text(new).shapes == lay_out(read_bytes(without_diagram(old.source))).shapes
 
 
 READ = """

@@ -18,6 +18,8 @@ from fame.bpmn.tags import Tag, decoded, read_tags, written_name
 from fame.layout.content import BODIES
 
 _USUAL = {BPMNDI: "bpmndi", DC: "dc", DI: "di"}
+_LABEL, _PARTS = (BPMNDI, "BPMNLabel"), ((BPMNDI, "BPMNShape"), (BPMNDI, "BPMNEdge"))
+_OWN = {("", name) for name in ("id", "bpmnElement", "isHorizontal", "isExpanded", "isMarkerVisible")}
 
 
 def put_into_file(
@@ -39,10 +41,18 @@ def put_into_file(
         if id and id in drawn:
             end = tags[place].start + 1 + len(written_name(text, tags[place]))
             edits.append((end, end, f" id={quoteattr(id)}"))
-    if again:
-        edits += [(_blank_before(text, one.start), one.end, "") for one in diagrams]
-    planes = [one for diagram in diagrams for one in diagram.children if one.name == (BPMNDI, "BPMNPlane")]
-    edits += _edits(old, new, elements, text, root, [] if again else planes, line, again=again)
+    planes: list[Tag | None] = [part for one in diagrams for part in one.children if part.name == (BPMNDI, "BPMNPlane")]
+    kept: list[Tag] = diagrams
+    if again:  # what is drawn goes, and so do diagrams of what is no longer drawn apart
+        of = {_shown(one): one for one in reversed(planes) if one is not None}
+        planes = [of.get(element) for element in new.planes]
+        kept = [one.parent for one in planes if one is not None and one.parent is not None]
+        gone = [one for one in diagrams if one not in kept]
+        gone += [part for one in planes if one is not None for part in one.children if part.name in _PARTS]
+        edits += [(_blank_before(text, one.start), one.end, "") for one in gone]
+    lost = {node for tag, node in zip(tags, elements, strict=True) if tag in diagrams and tag not in kept}
+    taken = Counter({id: 1 for one in elements if (id := one.get("id")) and lost.isdisjoint(one.iterancestors())})
+    edits += _edits(old, new, elements, taken, text, root, planes, line, again=again)
     for begin, end, changed in sorted(edits, reverse=True):
         text = text[:begin] + changed + text[end:]
     return text.encode(encoding, "xmlcharrefreplace")
@@ -52,9 +62,10 @@ def _edits(
     old: Definitions,
     new: Definitions,
     elements: Sequence[Node],
+    taken: Counter[str],
     text: str,
     root: Tag,
-    planes: Sequence[Tag],
+    planes: Sequence[Tag | None],
     line: str,
     *,
     again: bool,
@@ -62,36 +73,38 @@ def _edits(
     """The shapes and edges that are new, for the `planes` there are and as new diagrams."""
     known = {} if again else {shape.element: shape.bounds for shape in old.shapes}
     drawn = set(known) | (set() if again else {edge.element for edge in old.edges})
-    nodes = [one for one in elements if one.tag == f"{{{BPMNDI}}}BPMNPlane"][: len(planes)]
-    gone = {
-        one for one in elements if again and any(f"{{{BPMNDI}}}BPMNDiagram" == up.tag for up in one.iterancestors())
-    }
-    taken = Counter({id: 1 for one in elements if (id := one.get("id")) and one not in gone})
     diagrams = ""
-    for plane, element in enumerate(new.planes):
-        shapes = [one for one in new.shapes if one.plane == plane and one.element not in drawn]
-        edges = [one for one in new.edges if one.plane == plane and one.element not in drawn]
-        writer = _Writer((nodes[plane] if plane < len(nodes) else elements[0]).nsmap, taken, line)
-        if plane < len(nodes):
-            yield from _closed(text, planes[plane], writer.parts(shapes, edges), line)
-            boxes = _bounds(planes[plane])
+    for place, element in enumerate(new.planes):
+        shapes = [one for one in new.shapes if one.plane == place and one.element not in drawn]
+        edges = [one for one in new.edges if one.plane == place and one.element not in drawn]
+        plane = planes[place] if place < len(planes) else None
+        if plane is not None:
+            writer = _Writer({prefix or None: uri for prefix, uri in plane.prefixes.items()}, taken, line, text)
+            writer.old = {_shown(one): one for one in plane.children if again and one.name in _PARTS}
+            yield from _closed(text, plane, writer.parts(shapes, edges), line)
+            boxes = _bounds(plane)
             for shape in new.shapes:
-                if shape.plane == plane and known.get(shape.element, shape.bounds) != shape.bounds:
+                if shape.plane == place and known.get(shape.element, shape.bounds) != shape.bounds:
                     box = boxes[shape.element]
                     yield box.start, box.end, f"<{writer.bounds(shape.bounds)}/>"
-        elif element in taken and (again or plane >= len(old.planes)):  # else of a process that is embedded as text
-            diagrams += writer.diagram(element, plane, shapes, edges)
+        elif element in taken and (again or place >= len(old.planes)):  # else of a process that is embedded as text
+            diagrams += _Writer(elements[0].nsmap, taken, line, text).diagram(element, place, shapes, edges)
     yield from _closed(text, root, diagrams, line)
+
+
+def _shown(tag: Tag) -> str:
+    """The id of what a plane, shape or edge shows."""
+    shown = tag.attributes.get(("", "bpmnElement"))
+    return shown.value.strip().rpartition(":")[2] if shown is not None else ""
 
 
 def _bounds(plane: Tag) -> dict[str, Tag]:
     """The bounds of each shape of a plane, by its element."""
     found = dict[str, Tag]()
     for shape in (one for one in plane.children if one.name == (BPMNDI, "BPMNShape")):
-        shown = shape.attributes.get(("", "bpmnElement"))
         box = next((one for one in shape.children if one.name == (DC, "Bounds")), None)
-        if shown is not None and box is not None:
-            found.setdefault(shown.value.strip().rpartition(":")[2], box)
+        if box is not None:
+            found.setdefault(_shown(shape), box)
     return found
 
 
@@ -110,10 +123,15 @@ def _blank_before(text: str, place: int) -> int:
 
 
 class _Writer:
-    """Writes the parts of a diagram with the prefixes that hold where they are put; `taken` are the ids of the file."""
+    """Writes the parts of a diagram with the prefixes that hold where they are put; `taken` are the ids of the file.
 
-    def __init__(self, prefixes: Mapping[str | None, str], taken: Counter[str], line: str) -> None:
+    Of the `old` parts of the diagram, by element, colours stay, and what else is no place.
+    """
+
+    def __init__(self, prefixes: Mapping[str | None, str], taken: Counter[str], line: str, text: str) -> None:
         self.taken, self.line, self.declared = taken, line, ""
+        self.old: dict[str, Tag] = {}
+        self._text, self._prefixes = text, prefixes
         self.names: dict[str, str] = {}
         for uri, usual in _USUAL.items():
             prefix = next((prefix for prefix, known in prefixes.items() if known == uri), "")
@@ -150,26 +168,42 @@ class _Writer:
         attributes += ' isMarkerVisible="true"' if shape.marker_visible else ""
         yield self._tag("BPMNShape", shape.element, attributes)
         yield f"  <{self.bounds(shape.bounds)} />"
-        yield from self._label(shape.label)
+        yield from self._label(shape.label, self.old.get(shape.element))
         yield f"</{self.names[BPMNDI]}BPMNShape>"
 
     def _edge(self, edge: Edge) -> Iterator[str]:
         yield self._tag("BPMNEdge", edge.element, "")
         for x, y in edge.waypoints:
             yield f'  <{self.names[DI]}waypoint x="{number(x)}" y="{number(y)}" />'
-        yield from self._label(edge.label)
+        yield from self._label(edge.label, self.old.get(edge.element))
         yield f"</{self.names[BPMNDI]}BPMNEdge>"
 
     def _tag(self, kind: str, element: str, attributes: str) -> str:
-        name = f'id="{self._id(element + "_di")}" bpmnElement={quoteattr(element)}{attributes}'
+        old = self.old.get(element)
+        known = old.attributes.get(("", "id")) if old is not None else None
+        id = quoteattr(known.value) if known is not None else f'"{self._id(element + "_di")}"'
+        name = f"id={id} bpmnElement={quoteattr(element)}{attributes}{self._others(old)}"
         return f"<{self.names[BPMNDI]}{kind}{self.declared} {name}>"
 
-    def _label(self, label: Bounds | None) -> Iterator[str]:
+    def _others(self, old: Tag | None) -> str:
+        """The attributes of an old part that tell no place, such as colours, where their prefixes hold."""
+        found = ""
+        for (uri, name), one in old.attributes.items() if old is not None else ():
+            written = self._text[one.start : one.end].strip()
+            prefix = re.split(r"[\s=]", written)[0].rpartition(":")[0]
+            if ("", name) not in _OWN and (not uri or self._prefixes.get(prefix) == uri):
+                found += f" {written}"
+        return found
+
+    def _label(self, label: Bounds | None, part: Tag | None) -> Iterator[str]:
+        old = next((one for one in part.children if one.name == _LABEL), None) if part is not None else None
+        opening = f"  <{self.names[BPMNDI]}BPMNLabel{self._others(old)}"
         if label is not None:
-            di = self.names[BPMNDI]
-            yield f"  <{di}BPMNLabel>"
+            yield f"{opening}>"
             yield f"    <{self.bounds(label)} />"
-            yield f"  </{di}BPMNLabel>"
+            yield f"  </{self.names[BPMNDI]}BPMNLabel>"
+        elif old is not None:
+            yield f"{opening} />"
 
     def _id(self, wanted: str) -> str:
         """An id that the file does not have, as bpmn-moddle allows it."""
