@@ -493,3 +493,11 @@ def test_what_a_script_may_reach_it_may_change(texts: list[str]) -> None:
     for scripts in (texts, [*texts, "m = 3"]):
         first = "T0" if len(scripts) > 1 else "T"
         assert "Y" in _may_be("len(xs) == 2", _python(*scripts), first=first)
+
+
+@pytest.mark.parametrize("sets", ["env.n = 3", "Object.assign(env, {n: 3})"])
+def test_a_function_of_javascript_may_set_a_variable_after_another_script_has_set_it(sets: str) -> None:
+    text = f"const env = this.environment.variables; setTimeout(() => {{ {sets}; }}, 9); next()"
+    script = f'<scriptTask id="J" scriptFormat="javascript"><script>{escape(text)}</script></scriptTask>'
+    after = '<sequenceFlow id="JT" sourceRef="J" targetRef="T"/><scriptTask id="T"><script>n = 1</script></scriptTask>'
+    assert _may_be("n == 3", script + after, first="J") == {"Y", "Z"}

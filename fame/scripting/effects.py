@@ -128,7 +128,7 @@ class Effects:
 
     @property
     def later(self) -> frozenset[str]:
-        """What it may set when it is over, by functions that it leaves."""
+        """What it may set when it is over, by functions that it leaves; "" for all variables."""
         return self.code
 
     @property

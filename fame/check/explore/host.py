@@ -179,6 +179,8 @@ class ExplorationHost:
         self.aliases: Aliases = model.facts.aliases
         self.leaked: Set[str] = model.facts.leaked
         """Variables that any function may change, see `TeamFacts`."""
+        self.late: Set[str] = model.facts.late
+        """Variables that functions of JavaScript may set at any time; "" stands for all."""
         self._again: deque[int] = deque()
         """What was chosen before in the condition that is asked again."""
         self._blank: dict[str, int] = {}
@@ -226,6 +228,17 @@ class ExplorationHost:
     # ---- texts ---------------------------------------------------------------------------------------
 
     def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Callable[..., Any]:
+        made = self._compile(expression, element=element, file=file, script=script)
+        reads = effects_of(expression, script=script).reads
+        late = (self.names if "" in self.late else self.late) & reads
+
+        def evaluate(variables: dict[str, Any]) -> Any:
+            self._set_unknown([name for name in late if name in variables], variables)
+            return made(variables)
+
+        return evaluate if late else made
+
+    def _compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Callable[..., Any]:
         if ":=" in expression.text:  # within a comprehension it sets a variable past all methods of the dict
             self.traceable = False
         if script:

@@ -250,7 +250,11 @@ class Local:
             return {}
         instance = max(instances, key=lambda one: one.key)
         variables: dict[str, Any] = instance.root_variables
-        return {name: self.states.variable(name, variables[name]) for name in self._reads if name in variables}
+        late = self.host.late
+        return {
+            name: UNKNOWN if late & {name, ""} else self.states.variable(name, variables[name])
+            for name in self._reads if name in variables
+        }  # fmt: skip
 
     def _explored(
         self,

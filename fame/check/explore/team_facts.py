@@ -11,7 +11,7 @@ from fame.check.explore.counting import counted_lists
 from fame.check.explore.error_codes import caught_codes
 from fame.check.explore.slicing import unknown_variables
 from fame.dataclasses import dataclass
-from fame.scripting.effects import computed_topics, script_effects
+from fame.scripting.effects import Effects, computed_topics, script_effects
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,7 @@ class TeamFacts:
     counted  variables with lists of which only the length is read
     unknown  variables whose values are certainly unknown
     aliases  variables that may hold the same list or mapping
+    late     variables that functions of JavaScript may set at any time, "" for all
     leaked   variables whose values functions may change that a script has left
     catches  the codes that error events catch; "": any
     escalations  the codes of escalations that are caught
@@ -40,6 +41,7 @@ class TeamFacts:
     unknown: frozenset[str]
     aliases: Aliases
     leaked: frozenset[str]
+    late: frozenset[str]
     catches: frozenset[str]
     escalations: frozenset[str]
     named: frozenset[str]
@@ -79,11 +81,19 @@ def facts_of(
         unknown=frozenset() if given else unknown_variables(processes, from_outside, parameters),
         aliases=Aliases(body for process in processes for body in process.body.bodies()),
         leaked=frozenset().union(*(script_effects(node).leaves for one in processes for node in one.body.walk())),
+        late=frozenset(
+            name for one in processes for node in one.body.walk() for name in _set_late(script_effects(node))
+        ),
         catches=caught_codes(processes, model.ErrorDefinition),
         escalations=caught_codes(processes, model.EscalationDefinition) - {""},
         named=named,
         read=read,
     )
+
+
+def _set_late(effects: Effects) -> frozenset[str]:
+    """What a script in JavaScript may set when it is over."""
+    return effects.later if effects.calls is not None else frozenset()
 
 
 def ends_of(process: model.Process) -> Iterator[tuple[str, bool]]:

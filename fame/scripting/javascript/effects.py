@@ -122,7 +122,7 @@ class JavaScriptEffects(Effects):
     @property
     def later(self) -> frozenset[str]:
         if self._found.functions:
-            return self.sets | self.reads
+            return self.sets | self.reads | ({""} if self.open else NONE)
         return NONE if self.script else self.sets  # a condition is asked at any time
 
     @cached_property
