@@ -553,17 +553,17 @@ def stuck(team: Team) -> Iterator[str]:
     if "A" in runs and not said:
         yield f"A runs and does nothing for {_SILENCE:g} s"
     for name in ("B", "C"):
-        if said and name in runs and _last(team, name, "kept") not in said:
+        if _lately(team, "/tick", before=1.0) and name in runs and _last(team, name, "kept") not in said:
             yield f"{name} runs and takes nothing for {_SILENCE:g} s: {said}"
     alarms = _lately(team, "/alarm")
-    if alarms and "B" in runs and _last(team, "B", "alarms") not in alarms:
+    if _lately(team, "/alarm", before=1.0) and "B" in runs and _last(team, "B", "alarms") not in alarms:
         yield f"B runs and catches no alarm for {_SILENCE:g} s: {alarms}"
 
 
-def _lately(team: Team, topic: str) -> list[int]:
-    """What was published on a topic lately."""
-    since = team.scheduler.now / SECOND - _SILENCE
-    return [round(message.data) for time, _, message in team.fabric.published.get(topic, ()) if time >= since]
+def _lately(team: Team, topic: str, *, before: float = 0.0) -> list[int]:
+    """What was published on a topic lately; `before` those last seconds (s) in which it may be on its way."""
+    now, published = team.scheduler.now / SECOND, team.fabric.published.get(topic, ())
+    return [round(message.data) for time, _, message in published if now - _SILENCE <= time <= now - before]
 
 
 def _last(team: Team, robot: str, variable: str) -> int | None:
