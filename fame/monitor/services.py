@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
     from fame.monitor.pipeline.node import ProcessingNode
-    from fame.monitor.pipeline.processors import Find
+    from fame.monitor.pipeline.processors import FindObject
 
 BLIND = "continue", "wait", "error"
 RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
@@ -120,9 +120,9 @@ def record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningServ
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
 
+    places = [place if "://" in str(place) else context.folder / str(place) for place in _outputs(variables)]
     node = RecordingNode(
-        context.middleware, context.scheduler, load(_configuration_file(context.folder, variables)),
-        [place if "://" in str(place) else context.folder / str(place) for place in _outputs(variables)],
+        context.middleware, context.scheduler, load(_configuration_file(context.folder, variables)), places,
         RecordingOptions(namespace=_namespace(context, variables), append=True, report=context.report),
     )  # fmt: skip
     return _NodeService(node)
@@ -250,7 +250,7 @@ def _parameters(variables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _with_parameters(
-    configuration: Configuration, given: Mapping[str, Any], folder: Path, find: Find = find_object
+    configuration: Configuration, given: Mapping[str, Any], folder: Path, find: FindObject = find_object
 ) -> Configuration:
     """Pass each parameter to the stages that have it; files are relative to `folder`. Raises ConfigError."""
     from dataclasses import replace

@@ -105,7 +105,7 @@ def item(robot: str, report: Report | None, answer: ClockAnswer | None, trusted:
         "fame": fame,
         "protocol": report.protocol if report is not None else told.get("protocol"),
         "state": None, "model": None, "deployment": None, "previous": None, "key": None, "proved": None,
-        "offset": None, "doubt": None, "simulated": told.get("simulated") is True,
+        "offset": None, "doubt": None, "simulated": told.get("simulated"),
         "free": told.get("disk"),
         "up": None,
     }  # fmt: skip

@@ -21,7 +21,7 @@ from fame.robot.services import MissingFileError
 from fame.rooms import PROCESSORS, load
 from fame.text import suggestion
 
-Find = Callable[[str, Path], Any]
+FindObject = Callable[[str, Path], Any]
 """What finds the object of a name: `find_object`, or `look_up`, which runs no code of others."""
 
 
@@ -54,7 +54,7 @@ def _as_known(stage: Stage, configuration: Configuration) -> Any:
     return _make(kind, stage, configuration, look_up)
 
 
-def find_classes(configuration: Configuration, find: Find = find_object) -> list[type]:
+def find_classes(configuration: Configuration, find: FindObject = find_object) -> list[type]:
     """Return the classes of its processors, which may need models that are not trained yet. Raises ConfigError."""
     return [_class(stage, configuration, find) for stage in _stages(configuration)]
 
@@ -65,7 +65,7 @@ def _stages(configuration: Configuration) -> Sequence[Stage]:
     return configuration.stages
 
 
-def _class(stage: Stage, configuration: Configuration, find: Find = find_object) -> type:
+def _class(stage: Stage, configuration: Configuration, find: FindObject = find_object) -> type:
     try:
         return find_class(stage.cls, configuration.folder, find)
     except ConfigError as error:
@@ -77,7 +77,7 @@ def _located(error: ConfigError, stage: Stage, key: str) -> ConfigError:
     return MissingFileError(str(located)) if isinstance(error, MissingFileError) else located
 
 
-def find_class(name: str, folder: Path, find: Find = find_object) -> type:
+def find_class(name: str, folder: Path, find: FindObject = find_object) -> type:
     """Find a class: a built-in name, ``module:Class``, or ``file.py:Class`` relative to a folder.
 
     Raises ConfigError.
@@ -152,7 +152,7 @@ def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> No
             model.require(path, data=hash_files(files))
 
 
-def _make(kind: type[Any], stage: Stage, configuration: Configuration, find: Find = find_object) -> Any:
+def _make(kind: type[Any], stage: Stage, configuration: Configuration, find: FindObject = find_object) -> Any:
     """Make a processor; one that is given a file only if `find` may run code of others."""
     try:
         arguments = _arguments(kind, stage.parameters, configuration.folder)
