@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from fame.clock import SECOND
-from fame.deploy.signing import ANOTHER_RUN
 from fame.engine import Instance
 from fame.engine.state import Mailbox
 from fame.middleware.codec import deserialize
@@ -493,11 +492,11 @@ def repairs(team: Team) -> Iterator[str]:
 
     Nor is it done if the person is told that it is refused. A robot without a directory forgets with its process; one
     that says that its state cannot be written, what it has answered since. One without memory refuses what it cannot
-    look up, also if it was done before: that is open.
+    look up, also if it was done before: that is open. One whose clock is wrong refuses a signature, not the request.
     """
     answers: dict[tuple[str, str], set[str]] = {}
     for said in team.said:
-        asked_again = said.reason == ANOTHER_RUN or said.reason.startswith("no memory is left")
+        asked_again = said.reason.startswith(("no memory is left", "signed "))
         if said.deployment.startswith("person") and not asked_again:
             robot = team.robots[said.robot]
             keeps = robot.durable and not robot.spoilt and "it is lost in a crash" not in said.reason
