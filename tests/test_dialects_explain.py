@@ -195,6 +195,8 @@ ENV = "const env = this.environment.variables; "
         ("const env = this.environment.variables; env.x = env.y + 1; // env.z", "y", "x", False),
         ("const { x, y: other } = this.environment.variables; log('environment.variables.z')", "x y", "", False),
         ("const self = this; setTimeout(() => { self.environment.variables.a += 1; })", "a", "a", False),
+        ("const self = this; f(self)", "", "", True),
+        ("let self = this; self = g(); self.environment.variables.a = 1", "", "a", True),
         ("environment.variables.k++; delete environment.variables.m", "k", "k m", False),
         ("if (this.environment.variables.a == null || `${this.environment.variables.b}`) {}", "a b", "", False),
         ("Object.assign(this.environment.variables, {a: 1})", "", "", True),

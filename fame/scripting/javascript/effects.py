@@ -38,6 +38,7 @@ _REACHES_ALL = re.compile(r"\b(?:constructor|environment|eval|Function|globalThi
 """How a text gets at all variables by other ways than `_BEHIND`; a backslash hides a word."""
 _OVER = r"\s*(?=[;,}]|\n(?!\s*[.?\[(])|$)"
 _ALIAS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*{_BEHIND}{_OVER}")
+_THIS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*this{_OVER}")
 _FIELD = rf"\s*{_NAME}\s*(?::\s*{_NAME}\s*)?(?:=\s*(?:\"\"|-?[\d.]+|true|false|null)\s*)?"
 _TAKEN = re.compile(rf"\{{({_FIELD}(?:,{_FIELD})*,?\s*)\}}\s*=\s*(?:{_BEHIND}|({_NAME})){_OVER}")
 _CHANGES = r"[-+*/%&|^]=|\*\*=|\|\|=|&&=|\?\?=|<<=|>>>?="
@@ -183,6 +184,8 @@ def _is_steady(node: ast.AST) -> bool:
 def _search(text: str) -> _Found:
     code = _LITERAL.sub(_without, text)
     reads = set[str]()
+    for name in _THIS.findall(code):  # whatever else becomes of the name makes the names open, as `this` does
+        code = re.sub(rf"(?<![\w$.]){re.escape(name)}(?![\w$])", "this", _THIS.sub("", code))
     aliases = [found[1] for found in _ALIAS.finditer(code)]
     code = _ALIAS.sub("", code)
     objects = "|".join([_BEHIND, *(rf"(?<![\w$.]){re.escape(alias)}(?![\w$])" for alias in aliases)])
