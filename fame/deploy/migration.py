@@ -114,7 +114,8 @@ class Foreseen:
             [{**asdict(token), "others": list(token.others)} for token in found] for found in (self.tokens, self.gone)
         )
         missing = {"unknown": dict(self.unknown), "without_target": dict(self.without_target)}
-        return {"hash": self.hash, "tokens": tokens, "gone": gone, "state": self.state, **missing}
+        more = {name: texts for name, texts in missing.items() if texts}  # FAME 0.2 does not take them
+        return {"hash": self.hash, "tokens": tokens, "gone": gone, "state": self.state, **more}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Foreseen:
