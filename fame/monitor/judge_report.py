@@ -147,7 +147,7 @@ def _runs(runs: Sequence[JudgedRun]) -> str:
     heads = ("run", "file", "verdict", *(("label", "latency") if labelled else ()), "score", "judged", "length", "")
     rows = []
     for run in runs:
-        right = (run.label == -1) == run.anomalous  # without a label, an alarm is none
+        right = (run.label == -1) == run.anomalous  # an alarm of a run without a label counts as wrong
         verdict = _cell(run.verdict, "good" if right and run.verdict != "not judged" else "bad")
         label = {None: "", 1: "benign", -1: "anomalous"}[run.label]
         latency = "" if run.latency is None else f"{run.latency:.3g} s"

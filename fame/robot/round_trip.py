@@ -50,8 +50,8 @@ class RoundTrip:
         self.patience = min(2 * self.patience, _MOST)
 
     def found(self) -> None:
-        """The receiver is there again: it is asked at once, as one that was asked in vain at the times of a link that
-        goes down again and again would be for ever."""
+        """The receiver is there again: ask it at once. At fixed intervals it might be asked only while a link that
+        goes down periodically is down."""
         self.patience, self.moved, self.number = self._timeout(), -_MOST, 0
 
     def _measure(self, took: int) -> None:

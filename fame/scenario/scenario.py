@@ -482,7 +482,7 @@ def _computed(run: Run, direction: Direction) -> tuple[str, ...]:
 
 
 def _elsewhere(name: str, here: Iterable[str]) -> str:
-    """Name the topic of another robot that ends alike, as what was meant; empty if there is none."""
+    """Return a hint at the topic of another robot that ends alike, or an empty text."""
     own = name.split("/", 2)[-1]
     others = sorted(other for other in here if other.count("/") > 1 and other.split("/", 2)[-1] == own)
     return f"; did you mean {others[0]}? `namespace` of a monitor names its robot" if others else ""

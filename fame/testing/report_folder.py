@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fame.testing.mission import MissionUnderTest
 
 PAGE = "page of the run"
-"""Property of a test that failed: the name of a page, or why there is none."""
+"""Property of a test that failed: the name of a page, or why it was not written."""
 _STYLE = "td{overflow-wrap:anywhere}p{margin:.2em 0}pre{overflow-x:auto;max-width:calc(100vw - 16em)}"
 _OUTCOMES = ("failed", "error", "xpassed", "xfailed", "skipped", "passed")
 _WORST = {"failed": "missing", "error": "missing", "passed": "covered"}
@@ -27,7 +27,7 @@ _WORST = {"failed": "missing", "error": "missing", "passed": "covered"}
 
 def write_pages(folder: Path, test: str, missions: Iterable[MissionUnderTest]) -> Iterator[str]:
     """Write recording and page of each mission of a test. Yields the addresses of the pages,
-    at the instant of the failure, or why there is none."""
+    at the instant of the failure, or why one was not written."""
     from fame.view.page_file import write_recording
 
     plain = f"{re.sub(r'[^A-Za-z0-9]+', '_', test)[-80:]}_{crc32(test.encode()):08x}"

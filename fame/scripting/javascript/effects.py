@@ -232,7 +232,7 @@ def _without(found: re.Match[str]) -> str:
         return (found["before"] or "") + '""'
     if "${" not in _INSIDE.sub("", found[0]):
         return " ".join(("", *_INSIDE.findall(found[0]), ""))
-    inside = found[0].partition("${")[2]  # braces in braces: what stands between two expressions counts, too
+    inside = found[0].partition("${")[2]  # nested braces: keep the text between two expressions, too
     return f" {inside[:-1]} " if inside.count("{") + 1 == inside.count("}") else _UNKNOWN
 
 
