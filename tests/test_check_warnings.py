@@ -45,6 +45,20 @@ def resuming(resume: str) -> str:
     return f'<subProcess id="h" triggeredByEvent="true">{properties(resume=resume)}{inside}</subProcess>'
 
 
+def transaction(name: str, end: str) -> str:
+    """A transaction around a sub-process that ends it with the event `end`."""
+    definition = f"<{end}EventDefinition/>" if end else ""
+    inside = f'<startEvent id="begin"/><endEvent id="stop">{definition}</endEvent>{flows("begin stop")}'
+    sub_process = f'<startEvent id="rs"/><subProcess id="p">{inside}</subProcess>{flows("rs p")}'
+    return f'<transaction id="{name}">{sub_process}</transaction>'
+
+
+def boundary_of_cancel(activity: str) -> str:
+    """A boundary event that catches the cancel of a transaction."""
+    definition = "<cancelEventDefinition/>"
+    return f'<boundaryEvent id="b" attachedToRef="{activity}">{definition}</boundaryEvent>{ends("be")}{flows("b be")}'
+
+
 TWICE = '<camunda:property name="type" value="std_msgs/msg/Int32"/>'
 INPUTS = '<camunda:inputOutput>' + '<camunda:inputParameter name="v">1</camunda:inputParameter>' * 2 + (
     '</camunda:inputOutput>'
@@ -60,6 +74,14 @@ WARNINGS = {
         + '<endEvent id="undo"><compensateEventDefinition activityRef="t"/></endEvent>'
         + flows("t undo"),
         "undo: compensates t, which has no compensation handler: nothing is undone",
+    ),
+    "a cancel that nothing catches": (
+        row(transaction("r", "cancel")),
+        "stop: cancels r, which has no cancel boundary event: that is an error, and undoes nothing",
+    ),
+    "a cancel that nothing throws": (
+        row(transaction("r", "")) + boundary_of_cancel("r"),
+        "b: catches the cancel of r, in which no end event cancels",
     ),
     "an element that nothing leads to": (
         row(script("x = 1")) + script("y = 1", "lost"),

@@ -23,7 +23,7 @@ from fame.check.elements import (
     check_pools,
     check_reader_notes,
 )
-from fame.check.events import check_error_handling, check_repeated_calls, check_timers
+from fame.check.events import check_error_handling, check_repeated_calls, check_timers, check_transactions
 from fame.check.gate import check_compilation
 from fame.check.guidelines import check_effects, check_guidelines
 from fame.check.literals import check_literals
@@ -50,6 +50,7 @@ CHECKS: tuple[Check, ...] = (
     check_compilation,
     check_recursion,
     check_error_handling,
+    check_transactions,
     check_repeated_calls,
     check_start_and_end_events,
     check_flow,

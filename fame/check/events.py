@@ -1,4 +1,4 @@
-"""Checks of timer and error events: times that are not ISO 8601, errors that are caught where nothing throws them.
+"""Checks of timer, error and cancel events: times that are not ISO 8601, what is caught where nothing throws it.
 
 An error code may be misspelt, or its boundary event at another activity. Every activity may fail with code ``script``
 or ``no_flow`` besides what its error events, scripts, services and actions throw. Where functions, JavaScript or
@@ -11,7 +11,16 @@ import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping
 
-from fame.bpmn.model import CallActivity, ErrorDefinition, FlowNode, SubProcess, Task, TimerDefinition
+from fame.bpmn.model import (
+    Body,
+    CallActivity,
+    CancelDefinition,
+    ErrorDefinition,
+    FlowNode,
+    SubProcess,
+    Task,
+    TimerDefinition,
+)
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
 from fame.middleware.messages import is_action
@@ -82,6 +91,31 @@ def check_error_handling(scope: CheckScope) -> Iterator[Finding]:
                         yield process.finding("warning", text, event)
                     beside = {code for one in body.boundary(event.attached_to) for code in _of_element(one)}
                     yield from _caught(process, event, nodes[event.attached_to], beside)
+
+
+def check_transactions(scope: CheckScope) -> Iterator[Finding]:
+    """Find cancel end events and cancel boundary events that have no partner at their transaction."""
+    for process in scope.processes:
+        for body in process.bodies():
+            for one in body.nodes:
+                if isinstance(one, SubProcess) and one.kind == "transaction":
+                    catching = [event for event in body.boundary(one.id) if event.defined(CancelDefinition)]
+                    throwing = list(_cancels(one.body))
+                    for end in throwing if not catching else ():
+                        text = f"cancels {one.display_name}, which has no cancel boundary event: that is an error, "
+                        yield process.finding("warning", f"{text}and undoes nothing", end)
+                    for event in catching if not throwing else ():
+                        text = f"catches the cancel of {one.display_name}, in which no end event cancels"
+                        yield process.finding("warning", text, event)
+
+
+def _cancels(body: Body) -> Iterator[FlowNode]:
+    """The cancel end events of a transaction, without those of transactions inside."""
+    for node in body.nodes:
+        if node.place == "end" and node.defined(CancelDefinition):
+            yield node
+        elif isinstance(node, SubProcess) and node.kind != "transaction":
+            yield from _cancels(node.body)
 
 
 def _caught(process: CheckedProcess, event: FlowNode, activity: FlowNode, beside: set[str]) -> Iterator[Finding]:
