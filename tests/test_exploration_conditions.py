@@ -261,6 +261,8 @@ SETS_IN_JAVASCRIPT = [
     "this.environment.variables['x'] = 3; next()",
     "[$x, $z] = [3, 4]; next()",
     "($x) = 3; next()",
+    "($x)++; next()",
+    "const t = $x; --(t.a); next()",
 ]
 """Scripts after which a variable may have another value."""
 

@@ -14,6 +14,7 @@ from fame.check.explore.asking import asking
 from fame.check.explore.values import Unknown, Values
 from fame.errors import MessageError
 from fame.scenario.explore.exploration import explore
+from fame.scripting import effects_of
 from fame.testing import MissionLoader
 
 UNKNOWN = "run x = robot.now"
@@ -385,6 +386,28 @@ def test_javascript_that_is_understood_sets_what_it_names() -> None:
     assert _may_be("n == 3", script) == {"Z"}
 
 
+@pytest.mark.parametrize(
+    "sets",
+    [
+        "++(env.n)",
+        "((env.n))--",
+        "for ((env.n) of [3]) ;",
+        "if (env.d) [env.n] = [3]",
+        "[3].forEach(v => [env.n] = [v])",
+    ],
+)
+def test_javascript_sets_what_it_names_in_parentheses_or_behind_a_condition(sets: str) -> None:
+    text = escape(f"const env = this.environment.variables; {sets}; next()")
+    script = f'<scriptTask id="T" scriptFormat="javascript"><script>{text}</script></scriptTask>'
+    assert _may_be("n != 0", script) == {"Y", "Z"}
+
+
+@pytest.mark.parametrize("reads", ["if (env.n) ++m", "while (env.n)\n  --m", "m = [env.n]", "if (env.n) [m] = [1]"])
+def test_javascript_does_not_set_what_it_reads_before_something_else_is_set(reads: str) -> None:
+    text = f"const env = this.environment.variables; let m = 1; {reads}"
+    assert effects_of(Expression(text, "javascript"), script=True).sets == set()
+
+
 OUTPUT = '<camunda:inputOutput><camunda:outputParameter name="n">3</camunda:outputParameter></camunda:inputOutput>'
 
 
@@ -495,9 +518,13 @@ def test_what_a_script_may_reach_it_may_change(texts: list[str]) -> None:
         assert "Y" in _may_be("len(xs) == 2", _python(*scripts), first=first)
 
 
-@pytest.mark.parametrize("sets", ["env.n = 3", "Object.assign(env, {n: 3})"])
-def test_a_function_of_javascript_may_set_a_variable_after_another_script_has_set_it(sets: str) -> None:
-    text = f"const env = this.environment.variables; setTimeout(() => {{ {sets}; }}, 9); next()"
+@pytest.mark.parametrize(
+    "function",
+    ["() => { env.n = 3 }", "() => { Object.assign(env, {n: 3}) }", "{'m'() { env.n = 3 }}['m']",
+     "{m(k = (3)) { env.n = k }}.m"],
+)  # fmt: skip
+def test_a_function_of_javascript_may_set_a_variable_after_another_script_has_set_it(function: str) -> None:
+    text = f"const env = this.environment.variables; setTimeout({function}, 9); next()"
     script = f'<scriptTask id="J" scriptFormat="javascript"><script>{escape(text)}</script></scriptTask>'
     after = '<sequenceFlow id="JT" sourceRef="J" targetRef="T"/><scriptTask id="T"><script>n = 1</script></scriptTask>'
     assert _may_be("n == 3", script + after, first="J") == {"Y", "Z"}

@@ -42,23 +42,28 @@ _THIS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*this{_OVER}")
 _FIELD = rf"\s*{_NAME}\s*(?::\s*{_NAME}\s*)?(?:=\s*(?:\"\"|-?[\d.]+|true|false|null)\s*)?"
 _TAKEN = re.compile(rf"\{{({_FIELD}(?:,{_FIELD})*,?\s*)\}}\s*=\s*(?:{_BEHIND}|({_NAME})){_OVER}")
 _CHANGES = r"[-+*/%&|^]=|\*\*=|\|\|=|&&=|\?\?=|<<=|>>>?="
-_SET = re.compile(rf"\s*(?:(?:\)\s*)*(?:=(?![=>])|{_CHANGES})|\+\+|--)")
-_CHANGE = re.compile(rf"\s*(?:(?:\)\s*)*(?:{_CHANGES})|\+\+|--)")
-_IN_LOOP = re.compile(r"\bfor\s*(?:await\s*)?\($")
+_COUNTS = r"\s*(?:\+\+|--)|[\s)]+(?:\+\+|--)(?![ \t]*[\w$(\[])"
+"""What counts the member before it: ``(x.n)++``, but not ``if (x.n) ++m``."""
+_CHANGE = re.compile(rf"[\s)]*(?:{_CHANGES})|{_COUNTS}")
+_SET = re.compile(rf"[\s)]*=(?![=>])|{_CHANGE.pattern}")
+_COUNTED = re.compile(r"(?:\+\+|--)[\s(]*$")
+_DELETED = re.compile(r"\bdelete[\s(]*$")
+_IN_LOOP = re.compile(r"\bfor\s*(?:await\s*)?\([\s(]*$")
 _BRACKET = re.compile(r"[(\[{}\])]")
-_PATTERN = re.compile(r"(?:^|[;{}(,=:])\s*([\[{])")
-"""Where a pattern may begin that an assignment or a loop takes apart."""
+_PATTERN = re.compile(r"(?:^|[^\w$\]\s]|\b(?:else|return|yield|await|throw|case|do|typeof|void))\s*([\[{])")
+"""Where a pattern may begin that an assignment or a loop takes apart: behind what no operand ends, or ``if (...)``."""
 _NODES = ("ros_node", "node")
 _FUNCTION = re.compile(
-    r"\bfunction\b|=>|\bclass\b|\b(?!(?:if|for|while|switch|catch|with)\b)[\w$]+\s*\([^()]*\)\s*\{|\]\s*\("
+    r"\bfunction\b|=>|\bclass\b|\]\s*\("
+    r"|(?:\"|\b(?!(?:if|for|while|switch|catch|with)\b)[\w$]+)\s*\((?:[^()]|\([^()]*\))*\)\s*\{"
 )
 _HARMLESS = re.compile(
     r"(?<![\w$.])(?:(?:Math|Number|console)\s*\.\s*\w+|Date\s*\.\s*now|next|Number|String|Boolean|parseInt|parseFloat|isNaN"
     r"|isFinite|if|for|while|switch|return|typeof|else|do|case|in|of)\s*(?=\()"
 )
 _IN_PLACE = re.compile(
-    rf"""[\w$\])]\s*(?:\?\.\s*)?\( | (?:\.\s*{_NAME}|[\]}}])(?:{_SET.pattern}|\s+(?:of|in)\b) | \bdelete\b
-    | (?:\+\+|--)\s*[\w$]+\s*[.\[]""",
+    rf"""[\w$\])]\s*(?:\?\.\s*)?\( | (?:\.\s*{_NAME}|[\]}}])(?:{_SET.pattern}|[\s)]+(?:of|in)\b) | \bdelete\b
+    | (?:\+\+|--)[\s(]*[\w$]+\s*[.\[]""",
     re.VERBOSE,
 )
 """A call, or what sets, counts or deletes a member."""
@@ -210,11 +215,11 @@ def _accesses(code: str, objects: str) -> tuple[set[str], set[str], bool]:
     reads, sets, is_open = set[str](), set[str](), False
     patterns = _patterns(code)
     for found in re.finditer(rf"(?:{objects})(?:\s*\??\.\s*({_NAME}))?", code):
-        name, before, after = found[1], code[: found.start()].rstrip(), code[found.end() :]
-        counted = before.endswith(("++", "--"))
+        name, before, after = found[1], code[: found.start()], code[found.end() :]
+        counted = _COUNTED.search(before)
         if name is None:
             is_open = True
-        elif counted or _SET.match(after) or before.endswith("delete"):
+        elif counted or _SET.match(after) or _DELETED.search(before):
             sets.add(name)
             reads |= {name} if counted or _CHANGE.match(after) else set()
         else:
