@@ -9,7 +9,7 @@ import pytest
 from action_server import DRIVE
 from bpmn_text import document, process, properties
 
-from fame.errors import ConfigError, MessageError
+from fame.errors import ConfigError, MessageError, MissionError
 from fame.middleware import codec, messages
 from fame.testing import ExpectationError, MissionLoader, MissionUnderTest
 
@@ -79,6 +79,26 @@ def test_it_runs_until_a_topic_a_robot_or_a_condition(vehicles: MissionUnderTest
     vehicles.expect("REX").passed("done").after("Explore")
 
 
+def test_a_message_at_time_0_counts_for_the_first_run_until(vehicles: MissionUnderTest) -> None:
+    vehicles.stub("Explore", signals=FOUND)
+    vehicles.stub("GoTo")
+    assert vehicles.run_until(published="/target_found").now == 0
+    with pytest.raises(ExpectationError, match="expected a message on /target_found within 9 s"):
+        vehicles.run_until(published="/target_found", within=9)
+
+
+def test_a_robot_of_run_until_is_the_sender_or_refused(vehicles: MissionUnderTest) -> None:
+    vehicles.stub("GoTo")
+    with pytest.raises(ExpectationError, match="expected a message of DINGO on /target_found within 9 s"):
+        vehicles.run_until("DINGO", published="/target_found", within=9)
+    with pytest.raises(ConfigError, match=r"expected no robot besides condition= or completed=ROBOT, got 'REKS'"):
+        vehicles.run_until("REKS", condition=lambda: True)
+    with pytest.raises(ConfigError, match=r"expected no robot besides condition= or completed=ROBOT, got 'DINGO'"):
+        vehicles.run_until("DINGO", completed="REX")
+    with pytest.raises(ConfigError, match="expected one of"):
+        vehicles.run_until(completed=False)
+
+
 def test_variables_are_set_before_and_while_it_runs(mission: MissionLoader, tmp_path: Path) -> None:
     waits = '<conditionalEventDefinition id="c"><condition>x &gt; limit</condition></conditionalEventDefinition>'
     content = f'<startEvent id="s"/><intermediateCatchEvent id="w">{waits}</intermediateCatchEvent><endEvent id="e"/>'
@@ -87,6 +107,15 @@ def test_variables_are_set_before_and_while_it_runs(mission: MissionLoader, tmp_
     m.expect().waits_at("w").has(x=1)
     m.set(x=4)
     m.expect().completed()
+    with pytest.raises(MissionError, match="no instance is running, so there are no variables to set"):
+        m.set(x=5)
+
+
+def test_a_list_that_is_set_is_one_of_its_own_for_each_robot(vehicles: MissionUnderTest) -> None:
+    vehicles.run_until("DINGO", at="Go To").set(found=(found := list[int]()))
+    first, second = (vehicles.variables(robot)["found"] for robot in vehicles.robots)
+    assert first == second == found
+    assert len({id(first), id(second), id(found)}) == 3
 
 
 def test_variables_that_are_set_before_the_beginning_replace_the_defaults_of_the_model(mission: MissionLoader) -> None:
@@ -271,6 +300,14 @@ def test_unknown_names_get_similar_ones(vehicles: MissionUnderTest) -> None:
         vehicles.signal("/target_fond")
     with pytest.raises(ConfigError, match="no process uses the topic /odom"):
         vehicles.published("/odom")
+    with pytest.raises(ConfigError, match="unknown fault 'engin' of REX; known are: engine"):
+        vehicles.fault("REX", "engin")
+    with pytest.raises(ConfigError, match="expected one argument, or a robot before it, got none"):
+        vehicles.fault()
+    with pytest.raises(
+        ConfigError, match=r"expected a topic and its payload or fields, got \{'x': 1\}, '/target_found'"
+    ):
+        vehicles.signal({"x": 1}, "/target_found")
 
 
 def test_an_element_that_is_not_reached_ends_the_run_when_nothing_can_happen(vehicles: MissionUnderTest) -> None:

@@ -177,7 +177,7 @@ def test_something_breaks_on_demand() -> None:
         ({"do": "speed", "speed": "fast"}, "expected the parts of the command 'speed'"),
         ({"do": "set", "robot": "PORTER", "name": "not a name", "value": "1"}, "expected the name of a variable"),
         ({"do": "set", "robot": "PORTER", "name": "x", "value": "{"}, "expected a value as JSON"),
-        ({"do": "fault", "robot": "PORTER", "kind": "wings"}, "PORTER has no wings to fault"),
+        ({"do": "fault", "robot": "PORTER", "kind": "wings"}, "unknown fault 'wings' of PORTER; known are: engine"),
         ({"do": "signal", "topic": "/go", "robot": "PORTER", "value": '{"x": 1}'}, "x"),
     ],
 )  # fmt: skip

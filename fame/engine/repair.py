@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from fame.engine import scopes, waiting
+from fame.engine.data import own_copy
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Catch, Node, Trigger, nothing
 from fame.engine.state import Instance, Scope, Wait, scopes_of
@@ -88,7 +89,7 @@ def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int 
         raise MissionError(f"{which} is running, so there are no variables to set", element=engine.program.process)
     for each in instances:
         for name, value in values.items():
-            each.root.variables[name] = value
+            each.root.variables[name] = own_copy(value)
 
 
 def unset(engine: EngineState, names: Iterable[str]) -> list[str]:

@@ -121,7 +121,8 @@ class Run:
             self.nodes: list[RobotNode] = self._build_nodes(strict)
             modules = frozenset[str]().union(*(node.mission.random_modules for node in self.nodes))
             self._random = ModuleRandom(scenario.seed, modules=RANDOM_MODULES if self.world is not None else modules)
-            self._check_faults()
+            for fault in self.scenario.faults:
+                self._check_fault(fault)
             if self.judging is not None:
                 self.judging.begin(self.middleware, self.world)
                 if self.observer is not None:
@@ -190,13 +191,15 @@ class Run:
             ),
         )
 
-    def _check_faults(self) -> None:
-        for fault in self.scenario.faults:
-            body = self.world.robots.get(fault.robot) if self.world is not None else None
-            kinds = ("engine", *(body.FAULTS if body is not None else ()))
-            if fault.kind not in kinds:
-                text = f"unknown fault {fault.kind!r} of {fault.robot}; known are: {', '.join(kinds)}"
-                raise ConfigError(text, file=self.scenario.file)
+    def fault_kinds(self, robot: str) -> tuple[str, ...]:
+        """Return the kinds of faults that can be injected into a robot."""
+        body = self.world.robots.get(robot) if self.world is not None else None
+        return ("engine", *(body.FAULTS if body is not None else ()))
+
+    def _check_fault(self, fault: Fault) -> None:
+        if fault.kind not in (kinds := self.fault_kinds(fault.robot)):
+            text = f"unknown fault {fault.kind!r} of {fault.robot}; known are: {', '.join(kinds)}"
+            raise ConfigError(text, file=self.scenario.file)
 
     def _build_world(self) -> World | None:
         if self.scenario.world is None:
@@ -395,6 +398,8 @@ class Run:
         self.progress(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
 
     def inject(self, fault: Fault) -> None:
+        """Inject a fault of a robot of this run, now. Raises ConfigError for an unknown kind."""
+        self._check_fault(fault)
         self.reports.append(Event(self.scheduler.now, fault.robot, 0, 0, "", "report", f"fault: {fault.kind}"))
         if fault.kind != "engine":
             assert self.world is not None

@@ -19,7 +19,6 @@ from fame.clock import SECOND
 from fame.config.values import Source
 from fame.dataclasses import dataclass, replace
 from fame.engine.state import scopes_of
-from fame.engine.waiting import check_conditions
 from fame.errors import ConfigError, FameError
 from fame.log.recorder import About, Recorder, recording_to
 from fame.middleware import messages
@@ -179,29 +178,36 @@ class MissionUnderTest:
         condition: Callable[[], object] | None = None,
         within: float = WITHIN,
     ) -> MissionUnderTest:
-        """Run until a token comes to an element (or takes a flow), a robot has completed, a topic has a message, or a
-        condition holds.
+        """Run until a token comes to an element (or takes a flow), a robot has completed, a topic has a message (of
+        `robot`, if it is named), or a condition holds. The first call counts from the start of the mission.
 
         Raises ExpectationError if that does not happen `within` simulated seconds.
         """
         __tracebackhide__ = True
-        given = [at, completed, published, condition]
+        given = [at, completed or None, published, condition]
         if sum(value is not None for value in given) != 1:
             raise ConfigError("run_until: expected one of at=, completed=, published=, condition=")
+        if robot and (condition is not None or isinstance(completed, str)):
+            raise ConfigError(f"run_until: expected no robot besides condition= or completed=ROBOT, got {robot!r}")
         check_seconds("run_until", within)
         if at is not None:
             self._run_to(self.robot(robot), at, within)
-        elif completed is not None:
+        elif completed:
             name = self.robot(completed if isinstance(completed, str) else robot)
             if not self.go_on(lambda: self.has_completed(name), within):
                 raise failure(self, f"{name}: expected to complete within {within:g} s")
         elif published is not None:
-            seen = len(self.published(published))
-            if not self.go_on(lambda: len(self.published(published)) > seen, within):
-                raise failure(self, f"expected a message on {published} within {within:g} s")
+            senders = [self.robot(robot)] if robot else self.robots
+            seen = self._count(published, senders) if self.begun else 0
+            if not self.go_on(lambda: self._count(published, senders) > seen, within):
+                sender = f" of {robot}" if robot else ""
+                raise failure(self, f"expected a message{sender} on {published} within {within:g} s")
         elif condition is not None and not self.go_on(condition, within):
             raise failure(self, f"expected the condition to hold within {within:g} s")
         return self
+
+    def _count(self, topic: str, senders: Sequence[str]) -> int:
+        return sum(one.robot in senders for one in self.published(topic))
 
     def _run_to(self, robot: str, at: str, within: float) -> None:
         __tracebackhide__ = True
@@ -265,19 +271,16 @@ class MissionUnderTest:
     def set(self, robot: str = "", **variables: Any) -> MissionUnderTest:
         """Set process variables; before the mission begins as `fame run --set` does, in the place of its defaults.
 
-        Without a robot for all. Raises ConfigError for a variable that the model does not have, before it begins.
+        Without a robot for all that run. Raises ConfigError for a variable that the model does not have, before it
+        begins; MissionError if none runs.
         """
         self.is_played = True
-        names = [robot] if robot else self.robots
         if self._run is None:
             self._set_parameters({self.robot(robot) if robot else ALL: variables})
             return self
-        for name in map(self.robot, names):
-            node = self.node(name)
-            for instance in node.engine.instances.values():
-                instance.root_variables.update(variables)
-            check_conditions(node.engine)
-            node.engine.run()
+        nodes = [self.node(name) for name in ([robot] if robot else self.robots)]
+        for node in [one for one in nodes if one.engine.instances] or nodes:
+            node.engine.set_variables(variables)
             node.runner.poll()
         return self.settle()
 
@@ -293,7 +296,7 @@ class MissionUnderTest:
         return TakenOver(self, self.robot(robot), who)
 
     def fault(self, *where: str) -> MissionUnderTest:
-        """Inject a fault now: ``fault("REX", "engine")``, or a fault of the robot's type."""
+        """Inject a fault now: ``fault("REX", "engine")``, or a fault of the robot's type. Raises ConfigError."""
         robot, kind = self._split(where)
         return self._do(lambda: self.run.inject(Fault(robot, self.now, kind)))
 
@@ -469,7 +472,7 @@ class MissionUnderTest:
 
     def _addressed(self, given: Sequence[Any], fields: Mapping[str, Any]) -> tuple[str, str, Any]:
         """Robot (or empty), topic and payload."""
-        robot = given[0] if len(given) > 1 and given[0] in self.scenario.cast else ""
+        robot = given[0] if len(given) > 1 and isinstance(given[0], str) and given[0] in self.scenario.cast else ""
         rest = given[1:] if robot else given
         if not rest or len(rest) > 2 or not isinstance(rest[0], str) or (len(rest) == 2 and fields):
             raise ConfigError(f"expected a topic and its payload or fields, got {', '.join(map(repr, given))}")
@@ -479,7 +482,9 @@ class MissionUnderTest:
     def _split(self, where: Sequence[str]) -> tuple[str, str]:
         """The robot, which may be named before the other argument, and that."""
         if len(where) not in (1, 2):
-            raise ConfigError(f"expected 1 arguments, or a robot before them, got {', '.join(map(repr, where))}")
+            raise ConfigError(
+                f"expected one argument, or a robot before it, got {', '.join(map(repr, where)) or 'none'}"
+            )
         return self.robot(where[0] if len(where) > 1 else ""), where[-1]
 
     def _publish(self, robot: str, topic: str, payload: Any) -> None:

@@ -251,9 +251,7 @@ class RunControl:
         return f"{name} is set."
 
     def _do_fault(self, run: Run, command: _Command) -> str:
-        robot, kind = str(command["robot"]), str(command["kind"])
-        if (robot, kind) not in faults_of(run):
-            raise FameError(f"{robot} has no {kind} to fault")
+        robot, kind = _node(run, command["robot"]).name, str(command["kind"])
         run.inject(Fault(robot, run.scheduler.now / SECOND, kind))
         return f"{kind} of {robot} is broken."
 
@@ -302,12 +300,7 @@ def _carried_out(control: RunControl, command: _Command, run: Run) -> str:
 
 def faults_of(run: Run) -> list[tuple[str, str]]:
     """Return the faults that can be injected: robot and kind."""
-    bodies = run.world.robots if run.world is not None else {}
-    return [
-        (node.name, kind)
-        for node in run.nodes
-        for kind in ("engine", *(bodies[node.name].FAULTS if node.name in bodies else ()))
-    ]
+    return [(node.name, kind) for node in run.nodes for kind in run.fault_kinds(node.name)]
 
 
 def can_be_steered(run: Run, robot: str) -> bool:
