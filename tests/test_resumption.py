@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,7 +17,7 @@ from bpmn_text import properties
 from deployment_field import Field, definitions, patrol, process
 
 from fame.bpmn.reader import read_text
-from fame.clock import EPOCH, SECOND
+from fame.clock import EPOCH, SECOND, Scheduler
 from fame.deploy import STRING, EngineNode, Envelope, model_hash
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.options import DeploymentOptions
@@ -835,6 +835,34 @@ def test_a_clock_set_back_during_an_outage_delays_no_timer(field: Durable) -> No
     field.options["epoch"] = EPOCH - timedelta(hours=1)
     field.start()
     field.pass_time(21)
+    assert field.engine.running.instances[0].waiting == ["u"]
+
+
+@pytest.mark.parametrize("set_by", [3600, -3600])
+@pytest.mark.parametrize("before", [True, False], ids=["before it is deployed", "while it waits"])
+def test_a_clock_that_is_set_while_the_engine_runs_moves_no_timer(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, set_by: int, before: bool
+) -> None:
+    monkeypatch.setattr(Scheduler, "is_simulated", False)
+    field = Durable(tmp_path)
+    field.engine.close()
+    field.state.close()
+    begun = datetime.now(UTC)  # files have the true date
+    clock = [begun.timestamp() - set_by]
+    field.options["epoch"] = begun - timedelta(seconds=set_by)
+    field.options["wall_time"] = lambda: clock[0] + field.scheduler.now / SECOND
+    field.start()
+    if before:
+        clock[0] += set_by
+    field.deploy(TIMED)
+    clock[0] = begun.timestamp()
+    field.pass_time(3)
+    field.crash()
+    field.options["epoch"] = begun
+    field.start()
+    field.pass_time(2)
+    assert field.engine.running.instances[0].waiting == ["c"]
+    field.pass_time(15)
     assert field.engine.running.instances[0].waiting == ["u"]
 
 

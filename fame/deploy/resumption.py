@@ -68,6 +68,7 @@ class StateKeeper:
         self._names: dict[str, str] = {}  # of the files of deployments, by their ids
         self._lost = ""  # why others that were there cannot be read
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
+        self._begun = self._clock()
         self._touch()
 
     # ---- reading -----------------------------------------------------------------------------------------------------
@@ -152,6 +153,18 @@ class StateKeeper:
         seen = 0 if process.scheduler.is_simulated else round(self.directory.last_seen * SECOND)
         return max(0, last_time(stored.contents), seen) - (epoch_of(process) + process.scheduler.now)
 
+    def _clock(self) -> int:
+        """The date of the scheduler's time 0, as the clock says now (ns since 1970)."""
+        return round(self._wall_time() * SECOND) - self._scheduler.now
+
+    def _epoch(self, process: RobotNode) -> int:
+        """The same for dates that are stored: that of the mission, unless the clock was set since the engine began."""
+        from fame.robot.restoring import epoch_of
+
+        epoch, clock = epoch_of(process), self._clock()
+        is_of_clock = not process.scheduler.is_simulated and abs(epoch - self._begun) < SECOND
+        return clock if is_of_clock and abs(clock - epoch) > SECOND else epoch
+
     # ---- writing -----------------------------------------------------------------------------------------------------
 
     def promise(self, candidate: LoadedCandidate) -> str:
@@ -228,7 +241,9 @@ class StateKeeper:
             "envelope_hash": key,
         }
         journal = Journal(self.directory, header, partial(process.scheduler.worker, "fame journal"))
-        self.recorder = DurableRecorder(process, journal, on_trouble=self._on_trouble, answers=self.answers)
+        self.recorder = DurableRecorder(
+            process, journal, on_trouble=self._on_trouble, answers=self.answers, epoch=self._epoch(process)
+        )
         self._names[envelope.deployment] = name
         kept = {name, *(self._names.get(one.deployment, "") for one in before)}
         clean = partial(self._remove_all_but, kept, envelope.order)
@@ -291,6 +306,8 @@ class StateKeeper:
 
     def _touch(self) -> None:
         if self.recorder is not None:
+            if self._unread is None:
+                self.recorder.count_from(self._epoch(self.recorder.node))
             self.recorder.check_directory()
         else:
             with suppress(OSError):  # nothing runs that could be lost

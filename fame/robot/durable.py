@@ -71,6 +71,7 @@ class DurableRecorder:
 
     on_trouble  called with the reason when the journal cannot be written, and with an empty text when it can again
     answers     to requests of people; what is new in it is recorded at the end of `at_once`
+    epoch       the date of the scheduler's time 0 in what is stored (ns since 1970); by default that of the mission
     anew        writes what belongs to the journal besides, into a directory that has taken the place of the old one
     """
 
@@ -84,11 +85,12 @@ class DurableRecorder:
         *,
         on_trouble: Callable[[str], object] = lambda text: None,
         answers: TableRows | None = None,
+        epoch: int | None = None,
     ) -> None:
         self.node, self.journal, self._on_trouble = node, journal, on_trouble
         self._answers, self._has_answered = {} if answers is None else answers, False
         journal.failed = self._fail
-        self._epoch = epoch_of(node)
+        self._epoch = epoch_of(node) if epoch is None else epoch
         self._dump = StoredValues(node.mission).dump
         self._tables = StateTables(node.engine, self._report_unstorable, self._dump)
         self._outbox: list[_Effect] = []
@@ -148,7 +150,8 @@ class DurableRecorder:
         self._before, self._after, self._start, self.anew = before, after, start, before
         self._begins = {"begins": {"": "process" if timers is None else "taken over"}}
         if timers is not None:
-            self._begins["timers"] = timers
+            later = self._epoch - epoch_of(self.node)
+            self._begins["timers"] = {key: [*what, base + later, n] for key, (*what, base, n) in timers.items()}
         try:
             self.begin()
         except _UNWRITABLE as error:
@@ -225,6 +228,12 @@ class DurableRecorder:
     def now(self) -> int:
         """The date (ns since 1970) in the time of the mission."""
         return self._epoch + self.node.scheduler.now
+
+    def count_from(self, epoch: int) -> None:
+        """Store dates by a clock that was perhaps set: `epoch` as of the class. Less than a second is left as it is."""
+        if abs(epoch - self._epoch) > SECOND:
+            self._epoch = epoch
+            self.settled()
 
     def instance_ended(self, instance: Any) -> None:
         self._ended[str(instance.key)], self._has_ended = instance_data(instance, instance.program, self._dump), True

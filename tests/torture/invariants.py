@@ -116,8 +116,7 @@ def finish(team: Team) -> bool:
     patience = 4 + 4 * max(robot.machine.slowest for robot in team.robots.values())  # what is sent is written before
     assert team.plan.mission is not None
     for _ in range(240 if team.plan.mission["calm"] else 120):  # the longest calm ones take 150 s without faults
-        before, visited = visited, sum(sum(instance.visits.values()) for _, instance in _instances(team))
-        idle, still = (idle + 1, still + 1) if visited == before else (1, 0)
+        helped = waits = False
         for robot in team.robots.values():
             node = robot.engine.running if robot.engine is not None else None
             if node is None or (robot.engine is not None and robot.engine.state in ("holding", "ready")):
@@ -125,14 +124,17 @@ def finish(team: Team) -> bool:
             needed = help_needed(node)
             if node.suspension.by:
                 team.ask(robot, {"act": "continue"})
-                idle = 0
+                helped = True
             elif needed:
                 element, act, values = needed[0]
                 team.ask(robot, {"act": act, "element": element, "values": values})
-                idle = 0
+                helped = True
             elif node.engine.waits:  # a timer or script goes on
-                idle = min(idle, 1)
+                waits = True
         team.pass_time(1)
+        before, visited = visited, sum(sum(instance.visits.values()) for _, instance in _instances(team))
+        still = still + 1 if visited == before else 0
+        idle = 0 if helped else 1 if waits or not still else idle + 1
         if idle > patience or still > 45:  # it waits for a robot that holds: no timer, goal or disk takes so long
             return idle > patience
     return False

@@ -272,15 +272,16 @@ class Witness:
                 self.wrong(f"leaves timer {event.element} {now - due:.3f} s late")
 
     def forget(self) -> None:
-        """What comes back may be older."""
+        """What comes back may be older: also a timer that has fired, and is set once more."""
         self._before = None
+        self._begun.clear()
 
     def killed(self, engine: EngineNode) -> None:
         """The process ends now, between two stimuli. One that has not resumed leaves what it found."""
         node, keeper = engine.running, engine._keeper
         if engine.resuming or keeper is None:
             return
-        self.forget()
+        self._before = None
         recorder = keeper.recorder
         if node is not None and recorder is not None and recorder.node is node:
             settled = not (recorder._outbox or recorder._trouble or recorder._quiet or recorder._begins.get("begins"))
