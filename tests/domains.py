@@ -1,14 +1,27 @@
-"""DDS domains of this run of the tests: other runs may be on the machine, and other workers of pytest-xdist are."""
+"""DDS domains of these tests alone: other runs may be on the machine, and other workers of pytest-xdist are."""
 
 from __future__ import annotations
 
-import os
+import socket
+from contextlib import suppress
 
-_WORKER = os.environ.get("PYTEST_XDIST_WORKER")
-_RUN = os.getpid() if _WORKER is None else os.getppid()
-_OFFSET = _RUN % 12 * 8 + int((_WORKER or "gw0").removeprefix("gw")) % 4 * 2
+_kept: list[socket.socket] = []
+"""Says to others on this machine that the domains are taken, until this process ends, however it does."""
 
-DOMAIN = 1 + _OFFSET
-"""The next domain belongs to this worker, too. Domains above 101 use ports that other programs may have."""
-PROCESSES = 100 + _OFFSET
+
+def _free() -> int:
+    """The first of four domains that nobody has. Those above 101 use ports that other programs may be given."""
+    for first in range(1, 100, 4):
+        taken = socket.socket()
+        with suppress(OSError):
+            taken.bind(("127.0.0.1", 7400 + 250 * first + 249))  # a port of TCP, which DDS has no use for
+            _kept.append(taken)
+            return first
+        taken.close()
+    raise RuntimeError("no DDS domain from 1 to 100 is free: too many runs of the tests at once")
+
+
+DOMAIN = _free()
+"""The next domain belongs to this worker, too."""
+PROCESSES = DOMAIN + 2
 """For engines in processes of their own; the next domain belongs to this worker, too."""
