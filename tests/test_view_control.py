@@ -97,13 +97,17 @@ def test_a_task_is_completed_a_signal_sent_a_variable_set(porter: Scenario) -> N
         live.control({"do": "pause"})
         live.control({"do": "complete", "robot": "PORTER", "element": "Sign", "value": '{"approved": true}'})
         assert waiting(live) == ["Wait"]
-        live.control({"do": "signal", "topic": "/go", "robot": "PORTER", "value": ""})
+        nodes = len(live._run.middleware.nodes)  # type: ignore[union-attr]
+        for _ in range(2):
+            assert live.control({"do": "signal", "topic": "/go", "robot": "PORTER"}) == {"said": "/go is sent."}
+        assert len(live._run.middleware.nodes) == nodes + 1  # type: ignore[union-attr]
         assert waiting(live) == ["Full"]
-        live.control({"do": "set", "robot": "PORTER", "name": "load", "value": "4"})
+        said = live.control({"do": "set", "robot": "PORTER", "name": "load", "value": "4"})
+        assert said == {"said": "load is set; it was not a variable before."}
         found = result()
     assert found.status == "completed"
     told = [str(event.detail) for event in found.reports]
-    assert told == ["completed by a person: Sign", "set by a person: load = 4"]
+    assert told == ["completed by a person: Sign", "set load=4 by a person"]
 
 
 def test_a_run_that_begins_paused_has_done_nothing_until_somebody_resumes_it(porter: Scenario) -> None:
@@ -172,13 +176,14 @@ def test_something_breaks_on_demand() -> None:
         ({"do": "complete", "robot": "PORTER", "element": "E"}, "E: is not waiting; currently waiting: Sign"),
         ({"do": "speed", "speed": -1}, "expected a speed from 0"),
         ({"do": "speed", "speed": True}, "expected a speed from 0 (at once) to 1e6, got True"),
-        ({"do": "speed", "speed": 10**400}, "expected the parts of the command 'speed'"),
+        ({"do": "speed", "speed": 10**400}, "expected a speed from 0 (at once) to 1e6, got 1000"),
         ({"do": "breakpoint", "element": float("inf"), "on": True}, "expected the parts of the command 'breakpoint'"),
-        ({"do": "speed", "speed": "fast"}, "expected the parts of the command 'speed'"),
+        ({"do": "speed", "speed": "fast"}, "expected a speed from 0 (at once) to 1e6, got 'fast'"),
         ({"do": "set", "robot": "PORTER", "name": "not a name", "value": "1"}, "expected the name of a variable"),
         ({"do": "set", "robot": "PORTER", "name": "x", "value": "{"}, "expected a value as JSON"),
         ({"do": "fault", "robot": "PORTER", "kind": "wings"}, "unknown fault 'wings' of PORTER; known are: engine"),
         ({"do": "signal", "topic": "/go", "robot": "PORTER", "value": '{"x": 1}'}, "x"),
+        ({"do": "signal", "topic": "go", "robot": "PORTER"}, "no process uses the topic /PORTER/go; known are: /go"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_refused_and_the_run_goes_on(porter: Scenario, command: Any, text: str) -> None:
@@ -187,6 +192,30 @@ def test_what_cannot_be_done_is_refused_and_the_run_goes_on(porter: Scenario, co
         with pytest.raises(FameError, match=re.escape(text)):
             live.control(command)
         assert live.control({"do": "pause"}) == {"said": ""}
+
+
+def test_a_command_that_was_not_answered_in_time_is_not_carried_out_later(
+    porter: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fame.view.control._PATIENCE", 0.0)
+    live = LiveRun(porter, control := RunControl())  # nothing runs yet, as if a script did not end
+    with pytest.raises(FameError, match=r"has not answered within 10 s \(nothing is done\)"):
+        live.control({"do": "speed", "speed": 7})
+    with running(porter, control) as (later, _):
+        eventually(lambda: waiting(later) == ["Sign"])
+    assert control.speed == 1.0
+
+
+def test_what_a_form_requires_and_a_person_leaves_out_is_said(tmp_path: Path) -> None:
+    form = "<bpmn:extensionElements><camunda:formData><camunda:formField id='approved' type='boolean'><camunda:validation><camunda:constraint name='required'/></camunda:validation></camunda:formField></camunda:formData></bpmn:extensionElements>"
+    model = PORTER.replace('name="Sign">', f'name="Sign">{form}').replace(
+        "xmlns:bpmn", 'xmlns:camunda="http://camunda.org/schema/1.0/bpmn" xmlns:bpmn', 1
+    )
+    (path := tmp_path / "porter.bpmn").write_text(model, encoding="utf-8")
+    with running(Scenario.load(path, duration=3600), RunControl()) as (live, _):
+        eventually(lambda: waiting(live) == ["Sign"])
+        said = live.control({"do": "complete", "robot": "PORTER", "element": "Sign"})
+    assert said == {"said": "Sign is completed; without approved, which its form requires."}
 
 
 def test_a_run_that_is_over_takes_no_commands(porter: Scenario) -> None:

@@ -6,24 +6,22 @@ the scheduler's `run`, and lets simulated time follow the wall clock at some spe
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, InvalidStateError
+from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
 
-from fame.bpmn.topics import EMPTY_TYPE
 from fame.clock import SECOND
-from fame.errors import FameError, MessageError, MissionError
+from fame.errors import FameError, MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Publisher, resolve
 from fame.robot import RobotNode
 from fame.scenario import Fault
 from fame.scenario.run import Run
-from fame.text import read_json
+from fame.text import read_json, suggestion
 from fame.view.steering import MANUAL, TWIST, twist_of
 
 COMMANDS = (
@@ -36,6 +34,8 @@ _SLICE = 0.02
 """Seconds on the wall clock after which a run looks for commands."""
 _BUSY = SECOND // 5
 """Simulated ns after which a run that does not follow the wall clock looks for them."""
+_PATIENCE = 10.0
+"""Seconds on the wall clock that a page waits for the run."""
 
 _Command = Mapping[str, Any]
 _Result = TypeVar("_Result")
@@ -43,9 +43,10 @@ _Result = TypeVar("_Result")
 
 def speed_of(given: Any) -> float:
     """Give the speed that a command asks for, in simulated s a second. Raises FameError."""
-    if isinstance(given, bool) or not 0 <= (speed := float(given)) <= 1e6:
-        raise FameError(f"expected a speed from 0 (at once) to 1e6, got {given!r:.60}")
-    return speed
+    with suppress(TypeError, ValueError, OverflowError):
+        if not isinstance(given, bool) and 0 <= (speed := float(given)) <= 1e6:
+            return speed
+    raise FameError(f"expected a speed from 0 (at once) to 1e6, got {given!r:.60}")
 
 
 class RunControl:
@@ -74,7 +75,7 @@ class RunControl:
         self._changed = threading.Condition()
         self._origin: tuple[float, int] | None = None
         self._run: Run | None = None
-        self._hands: dict[str, Publisher] = {}  # with which people steer
+        self._publishers: dict[str, Publisher] = {}  # of people, by topic
 
     # ---- the run -----------------------------------------------------------------------------------------------------
 
@@ -127,7 +128,8 @@ class RunControl:
         with self._changed:
             waiting, self._commands = self._commands, []
         for _, future in waiting:
-            _fail(future, FameError("the run is over"))
+            if future.set_running_or_notify_cancel():
+                future.set_exception(FameError("the run is over"))
 
     # ---- what the run says -------------------------------------------------------------------------------------------
 
@@ -157,7 +159,8 @@ class RunControl:
         return self.call(partial(_carried_out, self, command))
 
     def call(self, action: Callable[[Run], _Result]) -> _Result:
-        """Do something in the thread of the run, between two steps. Raises FameError, also if the run is over."""
+        """Do something in the thread of the run, between two steps. Raises FameError, also if the run is over, or does
+        not answer in time; then it is not done later."""
         future: Future[_Result] = Future()
         with self._changed:
             if self.over:
@@ -165,22 +168,24 @@ class RunControl:
             self._commands.append((action, future))
             self._changed.notify()
         try:
-            return future.result(timeout=10)
+            return future.result(timeout=_PATIENCE)
         except TimeoutError:
-            raise FameError("the run has not answered within 10 s: a script may be running") from None
+            done = "nothing is done" if future.cancel() else "what was asked for is being done"
+            raise FameError(f"the run has not answered within 10 s ({done}): a script may be running") from None
 
     def _carry_out(self, run: Run) -> None:
         with self._changed:
             waiting, self._commands = self._commands, []
         for action, future in waiting:
+            if not future.set_running_or_notify_cancel():
+                continue
             try:
                 answer = action(run)
             except Exception as error:  # whatever is wrong with a command, the run goes on
-                _fail(future, error)
+                future.set_exception(error)
             else:
                 run.scheduler.run(run.scheduler.now)  # what follows at this instant, also while time stands still
-                with suppress(InvalidStateError):
-                    future.set_result(answer)
+                future.set_result(answer)
 
     def _do_pause(self, run: Run, command: _Command) -> str:
         self.paused, self.stopped = True, ""
@@ -222,33 +227,39 @@ class RunControl:
     def _do_steer(self, run: Run, command: _Command) -> str:
         node = _node(run, command["robot"])
         node.suspension.check_steers(_who(command), str(command["lease"]))
-        if node.name not in self._hands:
-            topic = resolve(MANUAL, node.namespace)
-            self._hands[node.name] = run.middleware.node("outside").publisher(topic, TWIST)
-        self._hands[node.name].publish(twist_of(command))
+        self._publisher(run, resolve(MANUAL, node.namespace), TWIST).publish(twist_of(command))
         return ""
+
+    def _publisher(self, run: Run, topic: str, type: str) -> Publisher:
+        if topic not in self._publishers:
+            self._publishers[topic] = run.middleware.node("outside").publisher(topic, type)
+        return self._publishers[topic]
 
     def _do_signal(self, run: Run, command: _Command) -> str:
         topic = str(command["topic"])
         node = _node(run, command["robot"]) if topic.startswith("~") else run.nodes[0]
-        full = resolve(topic, node.namespace)
-        type = next((info.types[0] for info in run.middleware.graph() if info.name == full and info.types), EMPTY_TYPE)
+        full, known = resolve(topic, node.namespace), run.middleware.topics
+        if full not in known:
+            raise FameError(f"no process uses the topic {full}; {suggestion(full, sorted(known))}")
         text = str(command.get("value", "")).strip()
-        message = messages.create(type, _json(text) if text else None)
-        publisher = run.middleware.node("outside").publisher(full, type)
-        publisher.publish(message)
+        message = messages.create(known[full].type, _json(text) if text else None)
+        self._publisher(run, full, known[full].type).publish(message)
         return f"{full} is sent."
 
     def _do_set(self, run: Run, command: _Command) -> str:
         node, name, value = _node(run, command["robot"]), str(command["name"]), _json(str(command["value"]))
         if not name.isidentifier():
             raise FameError(f"expected the name of a variable, got {name!r}")
-        if not node.engine.instances:
-            raise MissionError(f"no instance of {node.name} is running", robot=node.name)
-        node.engine.set_variables({name: value})
-        node.runner.poll()
-        node.note("", f"set by {_who(command)}: {name} = {json.dumps(value)}")
-        return f"{name} is set."
+        new = node.set_variables({name: value}, who=_who(command))
+        return f"{name} is set; it was not a variable before." if new else f"{name} is set."
+
+    def _do_complete(self, run: Run, command: _Command) -> str:
+        node, element, values = _node(run, command["robot"]), str(command["element"]), _values(command)
+        without = node.left_out(element, values)
+        goes_on = node.complete(element, values)
+        node.note("", f"completed by {_who(command)}: {element}")
+        more = (without, "" if goes_on else "it goes on when what suspends it ends")
+        return "; ".join([f"{element} is completed", *filter(None, more)]) + "."
 
     def _do_fault(self, run: Run, command: _Command) -> str:
         robot, kind = _node(run, command["robot"]).name, str(command["kind"])
@@ -260,13 +271,7 @@ _Act = Callable[[RobotNode, _Command, str], object]
 """What a person (the text) asks of a robot."""
 
 
-def _complete(node: RobotNode, command: _Command, who: str) -> None:
-    node.complete(str(command["element"]), _values(command))
-    node.note("", f"completed by {who}: {command['element']}")
-
-
 _ACTS: Mapping[str, tuple[_Act, str]] = {
-    "complete": (_complete, "{element} is completed."),
     "retry": (lambda node, of, who: node.retry(str(of["element"]), _values(of), who=who), "{element} is tried again."),
     "skip": (lambda node, of, who: node.skip(str(of["element"]), who=who), "{element} is skipped."),
     "move": (lambda node, of, who: node.move(str(of["element"]), str(of["to"]), who=who), "The token goes on at {to}."),
@@ -334,8 +339,3 @@ def _json(text: str) -> Any:
         return read_json(text)
     except ValueError as error:
         raise MessageError(f"expected a value as JSON, got {text!r}: {error}") from None
-
-
-def _fail(future: Future[Any], error: Exception) -> None:
-    with suppress(InvalidStateError):
-        future.set_exception(error)
