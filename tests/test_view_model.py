@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from bpmn_text import process
-from view_page import eventually, opened, until, violations
+from view_page import eventually, frames, opened, until, violations
 
 import fame.view.watch
 from fame.errors import ConfigError
@@ -191,6 +192,29 @@ def test_the_page_marks_the_element_and_follows_the_file(chromium: Browser, watc
         assert violations(page) == []
         model.write_bytes((MODELS / "ground_vehicles.bpmn").read_bytes())
         until(page, "document.querySelector('.badge.error') === null")
+
+
+def test_a_save_is_shown_in_one_frame_once_its_diagram_is_there(
+    chromium: Browser, watch: ModelWatch, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = """['#chips', '#inspector', '.badge.error'].map((name) => document.querySelector(name)?.textContent
+      .match(/1 error|Nowhere/)?.[0] ?? '').join()"""
+    plane, asked, comes = watch.plane, list[int](), threading.Event()
+    comes.set()
+    monkeypatch.setattr(watch, "plane", lambda number: (asked.append(number), comes.wait(60), plane(number))[2])
+    with opened(chromium, watch) as page:
+        until(page, "document.querySelector('#inspector .quiet')")
+        eventually(lambda: len(asked) == 2)  # again when it is connected
+        frames(page)
+        page.evaluate("fame.inspector.pause = 1e9")  # as if it took long to show
+        comes.clear()
+        break_it(model)
+        until(page, "fame.findings.size")
+        frames(page)
+        assert page.evaluate(shown) == ",,"
+        comes.set()
+        until(page, "document.querySelector('.badge.error') !== null")
+        assert page.evaluate(shown) == "1 error,Nowhere,Nowhere"
 
 
 def test_a_call_activity_says_what_it_calls(chromium: Browser, model: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from view_page import beyond, eventually, opened, shot, until, violations
+from view_page import beyond, eventually, frames, opened, shot, until, violations
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import FameError
@@ -554,6 +554,28 @@ def test_a_robot_of_whose_instances_one_failed_is_failed_whatever_completed_afte
     field.deploy("REX")
     field.run(2)
     assert field.view._packer.key_json()["ends"] == []
+
+
+def test_a_page_that_is_opened_shows_nothing_of_an_earlier_instant(
+    chromium: Browser, field: Field, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While its diagram is on its way, it does not know yet which instant its address names."""
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(3)
+    plane, comes = field.view.plane, threading.Event()
+    comes.set()
+    monkeypatch.setattr(field.view, "plane", lambda number: (comes.wait(60), plane(number))[1])
+    with opened(chromium, field.view, tab="team") as page:
+        comes.clear()
+        page.reload()
+        until(page, "fame.store.blocks[0].data")
+        frames(page)
+        assert page.evaluate("[fame.team.rows.length, fame.state]") == [0, None]
+        comes.set()
+        until(page, "fame.team.rows.length === 1")
+        assert page.evaluate("fame.team.shown > fame.store.start")
 
 
 def test_the_page_says_that_nothing_comes_any_more_though_its_connection_is_open(

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser, Frame, Page
 
-READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
+READY = """!!(window.fame && fame.mission.kind && fame.drawing && fame.mission.reading >= 1
+  && fame.store.blocks.every(one => one.data))"""
 
 
 @contextmanager
@@ -76,6 +77,11 @@ def until(page: Page | Frame, condition: str, seconds: float = 60.0) -> Any:
             return value
         page.wait_for_timeout(20)
     raise AssertionError(f"not within {seconds:g} s: {condition} {wrong}")
+
+
+def frames(page: Page) -> None:
+    """Wait until the page has drawn what it was to draw."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done))))")
 
 
 OVERLAPPING = """(boxes) => boxes.filter((a, at) => boxes.slice(at + 1).some((b) =>

@@ -87,6 +87,8 @@ export class App {
   /** @type {number | null} */
   missing = null; // since when the state at the cursor is being loaded (ms)
   gone = ""; // what has become of the connection, if nothing comes by it
+  reloading = Promise.resolve();
+  drawing = true; // whether the diagram is that of the mission
 
   constructor() {
     this.store = new Store(
@@ -123,7 +125,7 @@ export class App {
   // ---- the mission -------------------------------------------------------------------------------
 
   async start() {
-    await this.load(await this.fetch("mission.json"));
+    await this.reload();
     this.fromLink();
     source.listen(this);
     // the address may be replaced meanwhile
@@ -132,7 +134,14 @@ export class App {
     this.prefetch();
   }
 
-  /** Take the mission, or a new one that differs. */
+  /** Take the mission as it is now, after those that are on their way: the last one stays. */
+  reload() {
+    const last = this.reloading.catch(() => {});
+    this.reloading = last.then(async () => this.load(await this.fetch("mission.json")));
+    return this.reloading;
+  }
+
+  /** Take the mission, or a new one that differs. Nothing of it is drawn before its diagram is there. */
   async load(mission) {
     const models = JSON.stringify([mission.models, mission.planes]);
     this.mission = mission;
@@ -140,20 +149,27 @@ export class App {
     this.store.index(mission.blocks, mission.end);
     this.store.complete = mission.reading >= 1;
     if (this.player.time < this.store.start) this.player.seek(this.store.start, { keep: true });
+    else this.store.ask(this.player.time);
     this.findings = new Map();
     for (const finding of mission.findings ?? []) {
       const known = this.findings.get(finding.element) ?? [];
       this.findings.set(finding.element, [...known, finding]);
     }
-    this.heading();
     const same = models === this.models;
     this.models = models;
-    if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
+    this.drawing = false;
+    try {
+      if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
+    } finally {
+      this.drawing = true;
+    }
+    this.heading();
     document.body.dataset.kind = mission.kind;
     if (mission.kind === "model") this.tabs.choose("diagram", false);
     document.body.style.setProperty("--lanes", String(Math.max(2, mission.robots.length)));
     if (mission.monitor && !this.plots.shown.length) this.plots.judge(mission.monitor);
     this.changedPlayer();
+    this.inspector.hurry();
     this.redraw();
   }
 
@@ -161,6 +177,7 @@ export class App {
   async redrawDiagram(trail) {
     const { mission, diagram } = this;
     diagram.planes.clear();
+    diagram.current = undefined;
     diagram.trail = trail;
     if (trail.length) {
       await diagram.draw(trail.at(-1)[0]);
@@ -238,10 +255,7 @@ export class App {
       return;
     }
     if (news.type === "run") this.run(news);
-    else if (news.type === "reload")
-      this.fetch("mission.json")
-        .then((mission) => this.load(mission))
-        .then(() => this.prefetch());
+    else if (news.type === "reload") this.reload().then(() => this.prefetch());
     this.redraw();
   }
 
@@ -417,6 +431,7 @@ export class App {
   }
 
   draw(now) {
+    if (!this.drawing) return;
     const begun = performance.now();
     const moved = this.player.frame(now);
     const { time } = this.player;
