@@ -303,6 +303,24 @@ def test_who_begins_in_a_migration_and_waits_for_what_may_have_been_thrown_is_na
     assert "warning: B waits for /go to start, which A may have thrown already" in capsys.readouterr().err
 
 
+def test_what_is_armed_anew_is_said_by_the_dry_run_and_by_the_answer(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def timed(trigger: str) -> str:
+        event = f'<boundaryEvent id="b" attachedToRef="ub" cancelActivity="false">{trigger}</boundaryEvent>'
+        return team("ua").replace('<userTask id="ub2"/>', f'<userTask id="ub2"/>{event}')
+
+    field = Field("A", "B")
+    field.deploy(timed("<timerEventDefinition><timeDuration>PT9S</timeDuration></timerEventDefinition>"))
+    changed = timed("<conditionalEventDefinition><condition>n &gt; 7</condition></conditionalEventDefinition>")
+    sent = field.deploy(changed, "d2", 2, migrate=True, preview=True)
+    assert asked(tmp_path, changed, "--dry-run").show(sent) == 0
+    assert '"First" (ub)  keep     arms b anew' in capsys.readouterr().out
+    given = asked(tmp_path, changed)
+    given.explain(field.deploy(changed, "d3", 3, options=given.options))
+    assert 'B: "First" (ub): keep (arms b anew)' in capsys.readouterr().err
+
+
 def test_a_migration_that_may_complete_is_approved() -> None:
     field = Field("A", "B")
     field.deploy(relay("S"))

@@ -39,6 +39,7 @@ from fame.clock import SECOND
 from fame.deploy.migration import plan_of, read_plan
 from fame.errors import ConfigError, MissionError, ModelError
 from fame.middleware import messages
+from fame.robot.events import Event
 from fame.robot.state_transfer import go_on_after, timers_of, transfer_state, what_becomes
 from fame.scenario import Scenario
 from fame.scenario.migrating import migrate_run
@@ -50,7 +51,8 @@ class Migrated:
 
     def __init__(self, old: Run, content: str, plan: Mapping[str, Any] | None = None) -> None:
         changed = model(*content.replace("</process><process", "</process>\0<process").split("\0"))
-        self.simulation = fame.Simulation(changed, "P", observer=lambda event: None)
+        self.events: list[Event] = []
+        self.simulation = fame.Simulation(changed, "P", observer=self.events.append)
         self.simulation.scheduler.now = old.simulation.scheduler.now
         self.simulation._begun = True
         self.node = self.simulation.node

@@ -293,8 +293,11 @@ def _print_json(
 ) -> None:
     back = {} if rolled_back is None else {"rolled_back": _results(rolled_back)}
     findings = {"findings": migrated.findings()} if migrated.is_explored else {}
+    results = _results(deployment)
+    for robot, result in results.items() if migrated.is_explored else ():
+        result["tokens"] = migration.tokens_of(deployment, robot)
     status = "failed" if failures or rolled_back is not None else migrated.status(deployment)
-    print_json({"status": status, "robots": _results(deployment), "failures": dict(failures), **findings, **back})
+    print_json({"status": status, "robots": results, "failures": dict(failures), **findings, **back})
 
 
 def add_splitter(commands: Commands) -> None:

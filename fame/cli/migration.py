@@ -122,7 +122,7 @@ class Migration:
         return 2 if self._unmet else {"completed": 0, "failed": 1, "partial": NOT_KNOWN}[self.status(deployment)]
 
     def explain(self, deployment: Deployment) -> None:
-        """Say whether it is refused, what the exploration found, with the run that shows it, and who starts late."""
+        """Say whether it is refused, what the exploration found, who starts late, and what changes at tokens."""
         if (
             self.is_explored
             and any(each.state == "refused" for each in deployment.robots.values())
@@ -135,6 +135,10 @@ class Migration:
             running = [robot for robot, one in deployment.foreseen.items() if one.hash]
             for text in late_starts(self._definitions, deployment.pools, self._library, running):
                 note(f"warning: {text}")
+            for robot, foreseen in deployment.foreseen.items():
+                for token in foreseen.tokens:
+                    if token.reason:
+                        note(f"{robot}: {token}")
         for finding in self._found:
             note(f"{finding.level} in the migrated state: {finding.text}")
             for line in finding.steps():
@@ -159,7 +163,7 @@ class Migration:
                 report.robot: {
                     "state": report.state,
                     "reason": report.reason,
-                    "tokens": list(foreseen[report.robot].to_json()["tokens"]) if report.robot in foreseen else [],
+                    "tokens": tokens_of(deployment, report.robot),
                 }
                 for report in deployment.robots.values()
             }
@@ -179,6 +183,12 @@ class Migration:
             return
         write_plan(path, foreseen)
         note(f"wrote {path}: edit it, then fame deploy {self._model} --migrate --plan {path}")
+
+
+def tokens_of(deployment: Deployment, robot: str) -> list[dict[str, Any]]:
+    """Return what becomes of each token of a robot, for --json."""
+    foreseen = deployment.foreseen.get(robot)
+    return list(foreseen.to_json()["tokens"]) if foreseen is not None else []
 
 
 def _rows(deployment: Deployment) -> Sequence[tuple[str, ...]]:

@@ -14,9 +14,10 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
 from fame.bpmn import model
-from fame.dataclasses import dataclass, field
+from fame.dataclasses import dataclass, field, replace
 from fame.engine import waiting
 from fame.engine.adhoc import NEXT
+from fame.engine.armed_events import ArmedEvents
 from fame.engine.compensation import ROLL_BACK, handler_of
 from fame.engine.encoding import Data
 from fame.engine.interpreter import Engine
@@ -137,16 +138,19 @@ class _Migration:
         self._begin: list[Data] = []
         self._lost: dict[int, str] = {}  # scopes of elements that are gone: the only token in one may leave it
         self._forgotten: set[str] = set()
-        self._kept: dict[int, int] = {}  # where in `tokens` a scope is that stays, unless its only token leaves it
+        self._at: dict[int, int] = {}  # where in `tokens` a wait or scope is
         self.tokens: list[MigratedToken] = []
         for scope in list(self._scopes.values()):  # outer ones first
             if scope["key"] not in self._gone:
                 self._decide_scope(scope)
         self._check_continuations()
+        renamed = self._renamed()
         for key, element in self._lost.items():
             if key not in self._gone:
-                self._block(element)
-        left = [index for key, index in self._kept.items() if key in self._gone]
+                hint = f"; {{to: {renamed[element]}}} in the plan keeps its tokens" if element in renamed else ""
+                self._block(element, hint=hint)
+        self._move_events()
+        left = {self._at[key] for key in self._places.left if key in self._at}
         self.tokens = [token for index, token in enumerate(self.tokens) if index not in left]
         self._places.move_boxes()
 
@@ -230,7 +234,7 @@ class _Migration:
         target = self._target(element)
         if element in self._plan.abandon:
             self._leave(item, element, parent, ABANDONED.key)
-            self._add(element, "abandon")
+            self._add(element, "abandon", item=item)
             return False
         again = element in self._plan.restart or self._has_other_alternatives(item, key)
         stays = not again and self._node(key) is not None
@@ -244,12 +248,11 @@ class _Migration:
                 entry = self._places.entry(self._scopes[place], target)
                 if stays:
                     if not _is_wrapper(self._old.by_key[key]) or not self._has_tokens(item):
-                        self._kept[item["key"]] = len(self.tokens)
-                        self._add(element, "keep", target, change)
+                        self._add(element, "keep", target, change, item=item)
                     return True
                 if entry is not None:
                     self._leave(item, element, place, entry.key)
-                    self._add(element, "restart", target, change)
+                    self._add(element, "restart", target, change, item=item)
                     return False
         if item["key"] in self._scopes and element not in (*self._new_kinds, *self._plan.to, *self._plan.restart):
             self._lost[item["key"]] = element
@@ -285,14 +288,56 @@ class _Migration:
             self._scopes[parent]["items"] = {**items, "busy": ""}
             self._begin += [{"node": NEXT.key, "scope": parent}] if items["todo"] else []
 
-    def _block(self, element: str, reason: str = "") -> None:
+    def _renamed(self) -> dict[str, str]:
+        """Return the new sub-process of each one that is gone, where all its tokens are in that now."""
+        found = dict[str, str]()
+        for key, element in reversed(self._lost.items()):  # inner ones first
+            homes = set[str]()
+            for child in self._scopes[key]["children"]:
+                token = self._scopes.get(child) or self._waits[child]
+                if token.get("token", True) and token["node"] in self._old.by_key:
+                    inner = self._old.by_key[token["node"]].id
+                    now = found.get(inner, self._target(inner))
+                    homes.add(now if inner == element else self._places.home(now))
+            home = homes.pop() if len(homes) == 1 else ""
+            if home not in self._old_kinds and self._new_kinds.get(home) == self._old_kinds[element]:
+                found[element] = home
+        return found
+
+    def _block(self, element: str, reason: str = "", hint: str = "") -> None:
         kind = self._old_kinds.get(element)
         others = [id for id, one in self._new_kinds.items() if one == kind and id not in self._old_kinds and not reason]
-        why = reason or self._why_not(element)
+        why = (reason or self._why_not(element)) + hint
         self._add(element, "blocked", self._target(element), why, tuple(sorted(others)))
 
-    def _add(self, element: str, fate: Fate, target: str = "", reason: str = "", others: tuple[str, ...] = ()) -> None:
+    def _add(
+        self, element: str, fate: Fate, target: str = "", reason: str = "", others: tuple[str, ...] = (),
+        item: Data | None = None,
+    ) -> None:  # fmt: skip
+        if item is not None:
+            self._at[item["key"]] = len(self.tokens)
         self.tokens.append(MigratedToken(element, fate, target, reason, self._names.get(element, ""), others))
+
+    def _move_events(self) -> None:
+        """Move boundary events and event sub-processes with their tokens, and say at these which are armed anew."""
+        events = ArmedEvents(self._places, self._old, self._new, self._node)
+        events.move(self._plan.restart)
+        for key, element, change in events.changes(self._target, self._new_kinds):
+            index = self._listed(key)
+            if index is None:
+                self._add(element, "keep", reason=change)
+            else:
+                token = self.tokens[index]
+                self.tokens[index] = replace(token, reason=", ".join(filter(None, (token.reason, change))))
+
+    def _listed(self, key: int) -> int | None:
+        """Return where in `tokens` a wait or scope is, what is in it, or what it is in."""
+        inside = [key]
+        for each in inside:  # which grows
+            if each in self._at and each not in self._places.left:
+                return self._at[each]
+            inside += self._scopes[each]["children"] if each in self._scopes else ()
+        return next((self._at[each] for each in self._places.around(key) if each in self._at), None)
 
     def _check_continuations(self) -> None:
         for item in self._data["continuations"]:
@@ -382,21 +427,16 @@ class _Migration:
                 continue
             if not item["token"]:
                 there = owner in kept or (owner in self._scopes and owner not in self._gone)
-                if not there or self._new.by_key[node] not in self._armed_for(item, kept):
+                if not there or self._new.by_key[node] not in self._armed_for(item):
                     continue
             kept[item["key"]] = {**item, "node": node}
         return list(kept.values())
 
-    def _armed_for(self, item: Data, kept: Mapping[int, Data]) -> Sequence[Node]:
+    def _armed_for(self, item: Data) -> Sequence[Node]:
         """Return what is armed in the new program for the owner of a wait: alternatives, boundary events, handlers."""
-        scope = self._scopes.get(item["owner"])
-        if scope is not None and item["key"] not in scope["arms"]:
-            body = self._places.body(scope)
-            return body.armed if body is not None else ()
-        key = kept[item["owner"]]["node"] if scope is None else self._node(scope["node"])
-        node = self._new.by_key[key or ""]
-        boundary = node.boundary.armed if node.boundary is not None else ()
-        return (*boundary, *(node.catch.parts if node.catch is not None else ()))
+        owner = self._scopes.get(item["owner"]) or self._waits[item["owner"]]
+        node = self._places.node_of(owner)
+        return (*self._places.arming(owner), *(node.catch.parts if node is not None and node.catch is not None else ()))
 
     def _is_open(self, box: Data, own: Collection[int | None]) -> bool:
         """Return whether a queue is there in the new program, too: of a wait that is kept, or of a scope."""

@@ -28,8 +28,10 @@ class Misplaced(Exception):
 class Places:
     """The scopes, waits and mailboxes of a state, by key, while tokens are placed.
 
+    before  the elements of the old program
     gone    keys of what is dropped
     made    the keys of new scopes; their nodes are those of the new program already
+    left    for each scope that its only token left: that token
     routes  for each scope that a token left: the scopes that its events may be in now
     """
 
@@ -42,17 +44,45 @@ class Places:
         self.waits: dict[int, Data] = {item["key"]: dict(item) for item in data["waits"]}
         self.boxes: dict[int, Data] = {item["key"]: dict(item) for item in data["boxes"]}
         self.counter: int = data["counter"]
-        self.gone, self.made = set[int](), list[int]()
+        self.gone, self.made, self.left = set[int](), list[int](), dict[int, int]()
         self._routes: dict[int, list[int]] = {}
         self._running = int(bool(data["held"]))
-        self._before = {node.id: node for process in old.sources for node in process.body.walk()}
+        self.before: dict[str, model.FlowNode] = {n.id: n for process in old.sources for n in process.body.walk()}
         self._homes: dict[str, Owner] = {}
         for process in new.sources:
             for owner in (process, *(node for node in process.body.walk() if isinstance(node, model.SubProcess))):
                 self._homes.update((each.id, owner) for each in (*owner.body.nodes, *owner.body.flows))
         self._now = {node.id: node for process in new.sources for node in process.body.walk()}
 
-    # ---- bodies ------------------------------------------------------------------------------------------------------
+    # ---- nodes and bodies --------------------------------------------------------------------------------------------
+
+    def node_of(self, item: Data) -> Node | None:
+        """Return the node that a wait or scope has in the new program."""
+        key = item["node"] if item["key"] in self.made else self._node(item["node"])
+        return self._new.by_key.get(key or "")
+
+    def arming(self, item: Data) -> tuple[Node, ...]:
+        """Return what a token arms in the new program: boundary events, starts of event sub-processes."""
+        node, body = self.node_of(item), self.body(item) if item["key"] in self.scopes else None
+        boundary = node.boundary.armed if node is not None and node.boundary is not None else ()
+        return (*boundary, *(body.armed if body is not None else ()))
+
+    def around(self, key: int | None) -> Iterator[int]:
+        """Yield the key of a wait or scope, and those of the scopes around it."""
+        while key is not None:
+            yield key
+            key = self.scopes[key]["parent"] if key in self.scopes else self.waits[key]["scope"]
+
+    def is_running(self, key: int) -> bool:
+        """Return whether the scope of a wait, or a scope, is not suspended, but for what holds all."""
+        scope = self.scopes.get(key) or self.scopes[self.waits[key]["scope"]]
+        return bool(scope["state"] == self._running)
+
+    def successor(self, key: int) -> int | None:
+        """Return the token that is now in the place of a token: itself, or what has left it; None if it is gone."""
+        while key in self.left:
+            key = self.left[key]
+        return None if key in self.gone else key
 
     def opener(self, scope: Data) -> str | None:
         """Return the key of the new node that opens the body of a scope, "" for the process; None if it has none."""
@@ -87,6 +117,10 @@ class Places:
         if body is None or (now is not None and now.for_compensation):
             return False
         return element == body.id or (element in self._homes and self._homes[element].id == body.id)
+
+    def home(self, element: str) -> str:
+        """Return the id of the process or sub-process that an element of the new program is in; "" for no such one."""
+        return self._homes[element].id if element in self._homes else ""
 
     def is_handled_in(self, scope: Data, handler: str, before: str | None) -> bool:
         """Return whether an event sub-process handles what a scope is of, or the handler that it interrupted."""
@@ -145,7 +179,7 @@ class Places:
 
     def _expect_left(self, scope: Data, element: str, home: str) -> None:
         """Raise Misplaced unless the only token of a scope can leave it without a trace."""
-        old = self._before.get(self._old.by_key[scope["node"]].id) if scope["node"] in self._old.by_key else None
+        old = self.before.get(self._old.by_key[scope["node"]].id) if scope["node"] in self._old.by_key else None
         if old is None:
             raise Misplaced(f"{element} is in {home} in the new model, and its token is in another process")
         text = f"{element} is in {home} in the new model, and its token is in {old.id}"
@@ -189,13 +223,12 @@ class Places:
     def _is_at(self, child: int, element: str) -> bool:
         """Return whether a scope is there for an element of the new program."""
         scope = self.scopes.get(child)
-        if scope is None or child in self.gone:
-            return False
-        key = scope["node"] if child in self.made else self._node(scope["node"])
-        return key is not None and key in self._new.by_key and self._new.by_key[key].id == element
+        node = self.node_of(scope) if scope is not None and child not in self.gone else None
+        return node is not None and node.id == element
 
     def _leave(self, item: Data, left: list[Data], scope: Data) -> None:
         """Put an item into an outer scope, in the place of the outermost scope that it leaves."""
+        self.left.update((each["key"], item["key"]) for each in left)
         if left:
             left[0]["children"].remove(item["key"])
             children = scope["children"]
@@ -204,10 +237,13 @@ class Places:
         self._put(item, scope)
 
     def _put(self, item: Data, scope: Data) -> None:
-        """Set the scope that an item is in, of what is armed for it, too."""
+        """Set the scope that an item is in, of what is armed for it, too, with its queues."""
         arms = [item]
         for each in arms:  # which grows
             each["parent" if each["key"] in self.scopes else "scope"] = scope["key"]
+            if each.get("box") in self.boxes:
+                self.boxes[each["box"]]["scope"] = scope["key"]
+            self.gone -= {each["key"], each.get("box")}
             arms += (self.waits[key] for key in each["arms"] if key in self.waits)
         inner = [item] if item["key"] in self.scopes else []
         for each in inner:  # which grows
@@ -230,6 +266,24 @@ class Places:
         scope["children"][scope["children"].index(item["key"])] = key
         self._put(item, made)
         return made
+
+    def take_over(self, event: Data, key: int) -> bool:
+        """Arm an armed event for another token instead. Returns False where only one of the two is suspended."""
+        owner = self.scopes.get(event["owner"]) or self.waits[event["owner"]]
+        new, is_scope = self.scopes.get(key) or self.waits[key], key in self.scopes
+        where = "children" if event["key"] in owner.get("children", ()) else "arms"
+        suspended = new["state"] if is_scope else new["paused"]
+        if is_scope and new["suspender"] is not None:
+            node = self._new.by_key[self._node(event["node"]) or ""]
+            suspended -= where == "arms" or not (node.catch and node.catch.resume)
+        if event["paused"] != suspended:
+            return False
+        owner[where] = [each for each in owner[where] if each != event["key"]]
+        new[where] = [event["key"], *new[where]]
+        event["owner"] = key
+        outer = new["parent"] if is_scope else new["scope"]
+        self._put(event, new if where == "children" else self.scopes[outer])
+        return True
 
     # ---- what is dropped ---------------------------------------------------------------------------------------------
 
