@@ -262,9 +262,41 @@ def test_stamps_that_do_not_grow_are_made_up_and_told():
     assert ("stamps", len(run) - 1) in [change[:2] for change in tracker.changes()]
 
 
+def learned_from(*, stamps: np.ndarray | None = None, cut: float = 1.0) -> PathDetector:
+    """A detector that has learned from seven benign runs, of which one was cut off, or with other stamps."""
+    runs = [run.values for run in recording(BENIGN).select(range(16, 30, 2))]
+    runs[0] = runs[0][: int(cut * len(runs[0]))]
+    return PathDetector(MH5).fit(replace(of_runs(runs, 1, MH5.joints, "benign.csv"), stamps=stamps))
+
+
+def test_stamps_of_benign_runs_that_do_not_grow_are_made_up():
+    """The limits of a clock that was set back were wide enough for any speed."""
+    steady = np.arange(len(recording(BENIGN).select(range(16, 30, 2)))) * PERIOD
+    set_back = steady - 5.0 * (np.arange(len(steady)) >= 100)
+    assert learned_from(stamps=set_back).limits == pytest.approx(learned_from(stamps=steady).limits, abs=1e-3)
+    assert learned_from(stamps=steady[::-1].copy()).period == 0.0
+
+
+def test_a_gap_of_a_benign_run_that_is_longer_than_the_task_is_refused():
+    """It was learned, with a limit of 0.4 m."""
+    stamps = np.arange(len(recording(BENIGN).select(range(16, 30, 2)))) * PERIOD
+    stamps[100:] += 1e5
+    with pytest.raises(ConfigError, match=r"benign.csv: benign run 0 has a gap of 4000001 samples; the task takes 492"):
+        learned_from(stamps=stamps)
+
+
+def test_a_rest_is_seen_behind_the_place_where_a_benign_run_was_cut_off():
+    values = recording(BENIGN).select([17]).values
+    rest = np.vstack([values[:400], np.repeat(values[400:401], 30, axis=0), values[400:]])
+    for detector in (learned_from(), learned_from(cut=0.5)):
+        assert "speed" in {reading.kind for reading in detector.follow(run_of(rest))}
+
+
 def test_parameters_out_of_range_are_refused():
     with pytest.raises(ConfigError, match="expected a bin above 0, got 0"):
         PathParameters(bin=0)
+    with pytest.raises(ConfigError, match=r"expected a bin of whole samples, got 7\.5"):
+        PathParameters(bin=7.5)  # type: ignore[arg-type]
 
 
 @pytest.mark.long_but("5-*")

@@ -80,6 +80,8 @@ class PathParameters:
             tolerance = name in TOLERATED
             if type(value) not in (int, float) or not (value >= 0 if tolerance else value > 0) or not value < math.inf:
                 raise ConfigError(f"expected a {name} {'of 0 or more' if tolerance else 'above 0'}, got {value!r}")
+        if type(self.bin) is not int:
+            raise ConfigError(f"expected a bin of whole samples, got {self.bin!r}")
 
     @property
     def floors(self) -> tuple[float, float, float, float]:

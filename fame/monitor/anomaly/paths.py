@@ -30,6 +30,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Collection, Sequence
+from itertools import accumulate
 from typing import Any, ClassVar
 
 import numpy as np
@@ -61,7 +62,8 @@ MARGIN = 1.5
 @dataclass(frozen=True, slots=True)
 class Paths:
     """Points of benign paths: places (points, 3) m, directions of travel (points, 3), time since the tool left in
-    samples (points,), run (points,); `arrival` is the earliest time at which one comes to its last place;
+    samples (points,), run (points,); `arrival` is the earliest time at which one comes to its last place, without runs
+    that were cut off;
     `turns` (points, 4) are the orientations as quaternions, none in a model of an earlier version."""
 
     places: Floats
@@ -98,7 +100,10 @@ class PathDetector:
     limits: Floats = field(default_factory=lambda: np.zeros((0, 4)))
 
     def fit(self, benign: Recording) -> PathDetector:
-        """Learn the paths of the benign runs, and the limits by the rule above. Raises ConfigError for too few."""
+        """Learn the paths of the benign runs, and the limits by the rule above.
+
+        Raises ConfigError for too few runs or points, and for a gap on the way that is longer than the task.
+        """
         runs, expected = list(benign), len(self.chain.joints)
         if expected != len(benign.joints):
             text = f"expected {expected} joints, as the chain of the PathDetector has, got {len(benign.joints)}"
@@ -110,9 +115,15 @@ class PathDetector:
                 text = f"benign run {number} has {points} points that are not all 0; at least {NEIGHBOURS} are needed"
                 raise ConfigError(text, file=benign.source)
         self.period = _period(runs)
-        self.paths = join_paths([self._path(run, number) for number, run in enumerate(runs)])
+        paths = [self._path(run, number) for number, run in enumerate(runs)]
+        self.paths = join_paths(paths, self.parameters.left)
+        for number, path in enumerate(paths):
+            way = path.times[(path.times >= 0) & (path.times <= path.arrival)]
+            if (gap := float(np.diff(way).max(initial=0.0))) > self.paths.arrival:
+                text = f"benign run {number} has a gap of {gap:.0f} samples; the task takes {self.paths.arrival:.0f}"
+                raise ConfigError(text, file=benign.source)
         size = self.parameters.bin
-        length = int(self.paths.times.max()) // size + 1
+        length = int(min(self.paths.times.max(), 2 * self.paths.arrival)) // size + 1  # a wait afterwards may be long
         largest = np.zeros((length, 4))
         self.limits, self.noise = np.full((length, 4), np.inf), math.inf
         noise = 0.0
@@ -149,7 +160,7 @@ class PathDetector:
         values = run.values
         times = np.arange(len(values), dtype=np.float64)
         if run.stamps is not None and self.period:
-            times = (run.stamps - run.stamps[0]) / self.period
+            times = np.fromiter(accumulate((run.stamps / self.period).tolist(), _next_time), np.float64)
         read = values.any(axis=1)
         places, times = self.chain.places(values[read]), times[read]
         left = np.linalg.norm(places - places[:1], axis=1) > self.parameters.left
@@ -254,11 +265,9 @@ class Tracker:
         time = stamp / self._period if stamp is not None and self._period else None
         if before is None:
             self._time = 0.0 if time is None else time
-        elif time is None or time <= before:
-            self._made_up += time is not None
-            self._time = before + 1
         else:
-            self._time = time
+            self._time = _next_time(before, time)
+            self._made_up += time not in (None, self._time)
         return self._time
 
     def _leave(self, place: Vector, offset: float) -> None:
@@ -327,6 +336,11 @@ def turning(paths: Paths, slow: float) -> Floats:
     return found
 
 
+def _next_time(before: float, time: float | None) -> float:
+    """Return the time of a point (samples), made up if it does not grow."""
+    return time if time is not None and time > before else before + 1
+
+
 def _mean(vectors: Collection[Vector]) -> Vector:
     (x, y, z), count = map(sum, zip(*vectors, strict=True)), len(vectors)
     return x / count, y / count, z / count
@@ -344,12 +358,16 @@ def directions(places: Floats, slow: float = PathParameters().slow) -> Floats:
     return np.asarray(np.where(length > slow, step / np.maximum(length, slow), 0.0))
 
 
-def join_paths(paths: Sequence[Paths]) -> Paths:
+def join_paths(paths: Sequence[Paths], near: float) -> Paths:
+    """Join the paths of single runs. One that ends farther than `near` (m) from where they usually end was cut off."""
     arrays = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _ARRAYS}
-    return Paths(**arrays, arrival=min(path.arrival for path in paths))
+    ends = np.array([path.places[-1] for path in paths])
+    cut_off = np.linalg.norm(ends - np.median(ends, axis=0), axis=1) > near
+    arrivals = np.array([path.arrival for path in paths])
+    return Paths(**arrays, arrival=float(arrivals[~cut_off if not cut_off.all() else cut_off].min()))
 
 
 def _period(runs: Sequence[Recording]) -> float:
-    """Return the usual time (s) between two samples; 0 without stamps."""
+    """Return the usual time (s) between two samples; 0 without stamps, or if most do not grow."""
     steps = [np.diff(run.stamps) for run in runs if run.stamps is not None]
-    return float(np.median(np.concatenate(steps))) if len(steps) == len(runs) else 0.0
+    return max(0.0, float(np.median(np.concatenate(steps)))) if len(steps) == len(runs) else 0.0
