@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -56,15 +58,32 @@ MISSION = definitions(
 
 
 class FaultyDisk(SystemDisk):
-    """A disk that may be full, and of which files may be unreadable."""
+    """A disk that may be full, of which files may be unreadable, and which power loss leaves as it was synced."""
 
     full = False
     unreadable = ""
 
+    def __init__(self) -> None:
+        self.synced: dict[Path, int] = {}
+
     def write(self, path: Path, *, new: bool) -> File:
         if self.full and new:
             raise OSError(ENOSPC, "No space left on device")
-        return super().write(path, new=new)
+        file, synced = super().write(path, new=new), self.synced
+        synced[path] = path.stat().st_size  # what another name had
+
+        class Synced:
+            write, truncate, close = file.write, file.truncate, file.close
+
+            def sync(self) -> None:
+                file.sync()
+                synced[path] = path.stat().st_size
+
+        return Synced()
+
+    def lose_power(self) -> None:
+        for path in filter(Path.exists, self.synced):
+            os.truncate(path, self.synced[path])
 
     def read(self, path: Path) -> BinaryIO:
         if self.unreadable and path.name == self.unreadable:
@@ -864,6 +883,24 @@ def test_a_clock_that_is_set_while_the_engine_runs_moves_no_timer(
     assert field.engine.running.instances[0].waiting == ["c"]
     field.pass_time(15)
     assert field.engine.running.instances[0].waiting == ["u"]
+
+
+def test_after_power_loss_a_robot_has_the_state_that_it_promised_to_migrate(field: Durable) -> None:
+    quiet = re.sub("<intermediateThrowEvent.*?</intermediateThrowEvent>", '<task id="w"/>', TIMED)
+    without_c = quiet.replace('id="c"', 'id="x"').replace('"c"', '"x"')
+    field.deploy(quiet)
+    field.pass_time(9)  # nothing leaves, so nothing has to be on the disk
+    assert field.engine.running.instances[0].waiting == ["u"]
+    told(field, "d2", 2, without_c, "load", migrate=True)
+    field.pass_time(1)
+    assert field.engine.state == "ready"
+    field.disk.lose_power()
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    told(field, "d2", 2, without_c, "start")
+    field.pass_time(1)
+    assert (field.engine.deployed, field.engine.running.instances[0].waiting) == ("d2", ["u"])
 
 
 def test_on_a_disk_that_is_full_at_the_restart_the_mission_is_suspended_and_says_so(field: Durable) -> None:

@@ -174,6 +174,8 @@ class StateKeeper:
         """
         kept = [*self._kept, candidate.envelope]
         try:
+            if candidate.envelope.migrate and self.recorder is not None:
+                self.recorder.wait_until_written()  # else power loss leaves an older state, which may not fit the model
             self._write_promises(kept)
         except OSError as error:
             return f"its promise cannot be written to {self.directory.path}: {error.strerror}"

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from errno import EIO
 from functools import partial
 from typing import Any, NamedTuple
 from uuid import NAMESPACE_URL, uuid5
@@ -234,6 +235,12 @@ class DurableRecorder:
         if abs(epoch - self._epoch) > SECOND:
             self._epoch = epoch
             self.settled()
+
+    def wait_until_written(self) -> None:
+        """Wait until all that has been recorded is on the disk. Raises OSError."""
+        if self._trouble:
+            raise OSError(EIO, self._trouble)
+        self.journal.flush()
 
     def instance_ended(self, instance: Any) -> None:
         self._ended[str(instance.key)], self._has_ended = instance_data(instance, instance.program, self._dump), True
