@@ -703,9 +703,8 @@ class Team:
             recorder = node.host.recorder if node is not None else None
             if robot.spoilt or robot.process is None or robot.process.stopped or recorder is None:
                 continue
-            known = {sent[0] for wait, sent in recorder._goals.items() if wait.alive}
             cancelled = goal.id.hex() in node.runner.cancelled.table()
-            if goal.id.hex() not in known and not (cancelled and goal.id in self.refused) and not robot.engine.resuming:
+            if goal.id.hex() not in _goals_of(node) and not (cancelled and goal.id in self.refused) and not robot.engine.resuming:
                 lost[goal.id] = self._lost.get(goal.id, now)
                 if now - lost[goal.id] > 3 + self.fabric.delay + 2 * robot.machine.slowest:
                     what = "was cancelled, and goes on" if cancelled else "goes on that no task waits for"
@@ -713,9 +712,12 @@ class Team:
         self._lost = lost
 
     def _check_refused(self) -> None:
-        """What robots have cancelled in vain for longer than `BOUND` is in their reports, unless they were away."""
+        """What robots have cancelled in vain for longer than `BOUND` is in their reports, unless they were away.
+
+        A task that was resumed may have taken it up again.
+        """
         now = self.scheduler.now / SECOND
-        for time, name in self.refused.values():
+        for id, (time, name) in self.refused.items():
             robot = self.robots[name]
             engine, since = robot.engine, max(robot.began, robot.continued) + 1
             away = engine is None or engine.running is None or robot.process is None or robot.process.stopped
@@ -724,6 +726,7 @@ class Team:
                 and engine is not None
                 and not away
                 and not engine._progress()["warnings"]
+                and id.hex() not in _goals_of(engine.running)
             ):
                 self.problems.append(f"{name} does not say that a goal still runs which its server does not cancel")
 
@@ -1066,6 +1069,12 @@ class Team:
         envelope = signed(envelope, key, born=robot.engine.born, now=process.machine.wall_time())
         self._later(2.0, lambda: publisher.publish(messages.create(STRING, envelope.to_json())))
         self._later(4.0, partial(self._end_process, wire))
+
+
+def _goals_of(node: RobotNode | None) -> set[str]:
+    """The goals that tasks of a mission with a state directory wait for."""
+    recorder = node.host.recorder if node is not None else None
+    return {sent[0] for wait, sent in recorder._goals.items() if wait.alive} if recorder is not None else set()
 
 
 def _places(node: RobotNode) -> dict[str, None]:
