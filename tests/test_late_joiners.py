@@ -12,6 +12,7 @@ from fame.deploy.late_joiners import (
     Reported,
     RobotStarted,
     Supply,
+    Withdraw,
     Withhold,
     step,
 )
@@ -59,6 +60,13 @@ def test_a_team_that_has_gone_on_to_another_model_gets_no_late_joiner():
     assert after(*WAIT, other, Polled(0), Polled(1)) == []
     assert [each.robots for each in after(*WAIT, other, Left("C"), Polled(0))] == [("A", "B")]
     assert [each.robots for each in after(WAIT[0], other, Reported("B", "idle", ours=True), Polled(0))] == [("A",)]
+
+
+def test_what_a_team_has_left_while_a_late_joiner_is_supplied_is_called_off():
+    has, left = (Reported("C", "running", ours=ours) for ours in (True, False))
+    assert after(WAIT[0], has, Polled(0), Reported("A", "loading")) == []
+    assert after(WAIT[0], has, Polled(0), left) == [Withdraw()]
+    assert after(WAIT[0], has, Polled(0), DeploymentEnded(), left) == []
 
 
 def test_a_robot_that_had_the_model_before_is_told_so():

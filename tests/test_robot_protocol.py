@@ -44,6 +44,7 @@ from fame.deploy.termination import NONE_STARTED, PeerAnswered, Silence
 FIRST = Envelope(deployment="d1", sequence=1, robot="A", phase="load", team=["A", "B"])
 SECOND = replace(FIRST, deployment="d2", sequence=2)
 THIRD = replace(FIRST, deployment="d3", sequence=3)
+JOINS = replace(THIRD, joins=True)
 BARE = Envelope(deployment="plain-1", sequence=-1, robot="A", phase="run")
 
 
@@ -66,6 +67,7 @@ RUNS = (*STARTING, Started())
 MIGRATES = (Received(replace(SECOND, migrate=True)), LoadDue(), Loaded(), Matched())
 PREVIEWS = (Received(replace(SECOND, migrate=True, preview=True)), LoadDue(), Loaded(), Matched())
 UNDER_WAY = "another deployment is under way; ask again when it is over"
+HAS_ONE = "it has a process, and this was for a robot that has none"
 REBORN = "the engine was started after that deployment began; what the one before promised is not known"
 WHEN_WRITTEN = "it starts as soon as its state can be written"
 NOT_READY = "the sender fell silent; it was not ready here"
@@ -128,6 +130,9 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*RUNS, *MIGRATES, Mapped("no")), [Drop(), Reply("refused", "d2", "no")]),
         ((*RUNS, *PREVIEWS), [MapState()]),
         ((*RUNS, *PREVIEWS, Mapped("no")), [Drop(), Reply("previewed", "d2", "no")]),
+        ((Received(JOINS), LoadDue()), [Load(JOINS)]),
+        ((*RUNS, Received(JOINS)), [Reply("refused", "d3", HAS_ONE)]),
+        *(((*before, Received(JOINS)), [Reply("refused", "d3", UNDER_WAY)]) for before in (READY, LOADED, HOLDS)),
         ((*READY, PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
         ((*LOADED, PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
         ((Received(FIRST), PREVIEWS[0]), [Reply("refused", "d2", UNDER_WAY)]),
@@ -205,6 +210,7 @@ ANY_TIME = (
     told("ask", born=7),
     told("start", begun=True),
     *(told(phase, SECOND) for phase in ("load", "start", "abort")),
+    Received(JOINS),
     Received(BARE),
     LoadDue(),
     Stopped(),
@@ -294,6 +300,8 @@ def test_every_transition_keeps_what_the_protocol_promises():
         if Load(SECOND) in actions or Load(FIRST) in actions:
             again = following.kept(following.loading.deployment)
             assert again or following.answer_to(following.loading.deployment) is None, about  # never loaded twice
+        if Load(JOINS) in actions:
+            assert (state.running, state.candidate, state.promises) == (None, None, ()), about  # it replaces nothing
         if following.waiting is not None and state.waiting is None:
             assert ScheduleLoad() in actions, about
         if state.waiting is not None and following.waiting not in (None, state.waiting):

@@ -120,6 +120,28 @@ def test_robots_that_all_come_back_at_once_find_each_other_again():
     assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
 
 
+def test_a_robot_that_comes_late_is_sent_what_replaces_nothing_and_does_not_get_it_if_the_team_has_left_it():
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    farm.vanish("B")
+    farm.pass_time(2)
+    said, sent = farm.person.publisher("/A/bpmn_status", deploy.STRING, deploy.STATUS_QOS), []
+
+    def on_envelope(message) -> None:
+        sent.append(json.loads(message.data))
+        report = deploy.Report(robot="A", state="running", deployed="another", time=1e3)
+        said.publish(messages.create(deploy.STRING, report.to_json()))
+
+    farm.person.subscription("/B/bpmn_process", deploy.STRING, on_envelope)
+    farm.come("B")
+    farm.pass_time(2)
+    assert [(one["phase"], one.get("joins")) for one in sent] == [("load", True), ("abort", None)]
+    assert "B: refused: no robot has this model any more" in farm.lines
+    assert farm.engines["B"].state == "waiting"
+
+
 def test_a_robot_that_was_given_something_else_is_left_alone():
     farm = Farm("A", "B")
     farm.splitter()

@@ -112,6 +112,7 @@ class Envelope:
     preview   whether it only asks what would become of the tokens: nothing is held, nothing started
     who       whose deployment it is: what keys prove counts more
     again     whether the robot had this process before, and lost it
+    joins     whether it is for a robot that has no process yet: one that has one by then, or is promised one, refuses
     recalls   instead of a model, `promises` and `receivers`: the hash of those of a deployment that the robot keeps
               (`fame.deploy.history`)
     born      as in the `Report` of the engine that it is for: a recorded envelope is useless for a later engine
@@ -143,6 +144,7 @@ class Envelope:
     again: fields.FlagField = False
     begun: fields.FlagField = False
     recalls: fields.Hash = fields.later("")
+    joins: fields.FlagField = fields.later(False)
     proof: Annotated[Mapping[str, Any], _is_proof] = field(default_factory=dict, hash=False)
     born: fields.Birth = 0
     issued: fields.Number = 0.0

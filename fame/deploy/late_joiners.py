@@ -30,6 +30,7 @@ from fame.middleware.interface import Middleware, Node, Subscription
 
 POLL = 0.5
 """How often the graph is searched for engines (s)."""
+_GONE_ON = "no robot has this model any more"
 RETRY = 10.0
 """After how long robots whose deployment failed are sent their parts again (s)."""
 
@@ -116,7 +117,12 @@ class Withhold:
     robots: tuple[str, ...]
 
 
-LateJoinerAction = Supply | Withhold
+@dataclass(frozen=True, slots=True)
+class Withdraw:
+    """The team has gone on to another model: start none of those that are being supplied."""
+
+
+LateJoinerAction = Supply | Withhold | Withdraw
 LateJoinerEvent = Reported | Left | Polled | RobotStarted | CalledOff | DeploymentEnded
 
 
@@ -126,7 +132,8 @@ def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tup
         case Reported(robot, reported, ours):
             state = _placed(state, robot, ours)
             waiting = state.waiting | {robot} if reported == "waiting" else state.waiting - {robot}
-            return replace(state, waiting=waiting), ()
+            state = replace(state, waiting=waiting)
+            return state, (Withdraw(),) if state.deploying and _has_gone_on(state) else ()
         case Left(robot):
             state = _placed(state, robot, None)
             return replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot})), ()
@@ -146,11 +153,16 @@ def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[LateJoin
     late = state.waiting - (failed.keys() if max(failed.values(), default=0) > now else set())
     if state.deploying or not late:
         return state, ()
-    if state.others and not state.ours:  # the team runs another model: a late robot must not begin the old one alone
+    if _has_gone_on(state):
         new = tuple(sorted(late - state.withheld))
         return replace(state, withheld=state.withheld | late), (Withhold(new),) if new else ()
     retry = _without(state, late) | {(robot, now + round(RETRY * SECOND)) for robot in late}
     return replace(state, retry=retry, deploying=True), (Supply(tuple(sorted(late)), state.supplied & late),)
+
+
+def _has_gone_on(state: JoinersState) -> bool:
+    """Whether the team runs another model: a late robot must not begin the old one alone."""
+    return bool(state.others) and not state.ours
 
 
 def _placed(state: JoinersState, robot: str, ours: bool | None) -> JoinersState:
@@ -188,6 +200,7 @@ class LateJoiners:
         self._definitions, self._sender, self._log = definitions, sender, log
         self._hashes = {model_hash(part.source) for part in split(definitions, sender.options.library)}
         self._ids, self._met = set[str](), set[str]()  # deployments of the model, robots that have had a process
+        self._newer = set[str]()  # robots that know what an envelope says that is for one without a process
         self._pools = pools_of(definitions)
         state = JoinersState(supplied=frozenset(supplied))
         self._protocol: ProtocolMachine[JoinersState, LateJoinerEvent, LateJoinerAction] = ProtocolMachine(
@@ -225,6 +238,8 @@ class LateJoiners:
     def _on_report(self, reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data, self.scheduler.now / SECOND)
         if report is not None:
+            if not report.deployment:  # answers do not say it
+                (self._newer.add if report.protocol > 1 else self._newer.discard)(reader.robot)
             ours = self._is_ours(reader.robot, report) if report.deployed else None
             self._protocol.handle(Reported(reader.robot, report.state, ours))
 
@@ -240,11 +255,17 @@ class LateJoiners:
         self._log(f"{robot}: its report: {reason}")
 
     def _perform(self, action: LateJoinerAction) -> None:
+        if isinstance(action, Withdraw):
+            if self._current is not None:
+                self._current.refuse(_GONE_ON)
+            return
         if isinstance(action, Withhold):
-            self._log(f"{', '.join(action.robots)}: not supplied: no robot has this model any more")
+            self._log(f"{', '.join(action.robots)}: not supplied: {_GONE_ON}")
             return
         try:
-            self._current = self._sender.send(self._definitions, self._on_end, only=action.robots, again=action.again)
+            self._current = self._sender.send(
+                self._definitions, self._on_end, only=action.robots, again=action.again, joins=self._newer
+            )
             self._ids.add(self._current.id)
         except FameError as error:
             self._log(f"{', '.join(action.robots)}: {error}")

@@ -71,6 +71,7 @@ class DeploymentOptions:
     robots     the namespaces to play the model; by default those that have an engine and that a pool wants
     only       restricts it to some of them
     again      those that had the model before
+    joins      those that are to take it only while they have no process: what they got meanwhile is newer
     library    where called processes are found
     patience   how long its robots may take to answer (s); by default it grows with their number, and with `load`
     load       how many times as long (`fame.middleware.wire_base.load_of_machine`)
@@ -85,6 +86,7 @@ class DeploymentOptions:
     robots: Sequence[str] | None = None
     only: Sequence[str] = ()
     again: Collection[str] = ()
+    joins: Collection[str] = ()
     library: Library | None = None
     patience: float | None = None
     load: float = 1.0

@@ -25,6 +25,7 @@ Invariants, checked for every reachable state in ``tests/test_robot_protocol.py`
 - What began before this engine was born, and was never received by it, is ``unknown``, never ``aborted``.
 - The same deployment is never loaded twice: the last answer to it is repeated.
 - Every model is answered in the end.
+- What is for a robot without a process replaces none, and nothing that is under way.
 - A preview of a migration neither holds nor replaces anything, and is refused while a deployment is under way.
 
 Nothing here sends, waits, loads or looks at a clock: `fame.deploy.engine_node` carries the actions out.
@@ -80,6 +81,7 @@ _NOT_READY_FOR_PEER = "the sender fell silent; it was not ready here"
 _REBORN = "the engine was started after that deployment began; what the one before promised is not known"
 _ENDS = "the engine ends"
 _UNDER_WAY = "another deployment is under way; ask again when it is over"
+_HAS_ONE = "it has a process, and this was for a robot that has none"
 _SET_ASIDE = "its sender fell silent, and a newer deployment is under way"
 _REPLACED = "the newer deployment {} was started in its place"
 _STARTING = "it starts as soon as its state can be written"
@@ -153,6 +155,8 @@ class _Transition:
             self._repeat(deployment, Reply("", deployment))
         elif envelope.phase == "load" and envelope.order <= newest:
             self._do(Reply("stale", deployment, f"sequence {envelope.sequence} is older than {newest[0]}"))
+        elif envelope.joins and self.state.running is not None and not self._is_promised(deployment):
+            self._do(Reply("refused", deployment, _HAS_ONE))
         elif self._has_no_room(envelope):
             self._do(Reply("refused", deployment, _UNDER_WAY))
         else:
@@ -163,12 +167,14 @@ class _Transition:
                 self._answer("superseded", waiting.deployment)
 
     def _has_no_room(self, envelope: Envelope) -> bool:
-        """Whether something goes first: what the engine before had promised, or what a bare model or preview must not
-        set aside."""
+        """Whether something goes first: what the engine before had promised, or what a bare model, a preview or what
+        comes late must not set aside."""
         promises = self.state.promises
-        if envelope.preview and (self.state.waiting or self.state.loading or self.state.candidate or promises):
-            return True
-        if not promises or self._is_promised(envelope.deployment):
+        if self._is_promised(envelope.deployment):
+            return False
+        if envelope.preview or envelope.joins:
+            return bool(self.state.waiting or self.state.loading or self.state.candidate or promises)
+        if not promises:
             return False
         return envelope.phase == "run" or promises[-1].commit is None
 

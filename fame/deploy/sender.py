@@ -41,6 +41,7 @@ from fame.deploy.sender_protocol import (
     End,
     PatienceEnded,
     Prepare,
+    Refused,
     RivalFound,
     RobotAnswered,
     RobotProgress,
@@ -176,6 +177,7 @@ class Deployment:
             matching=max(self._patience / 2, self._patience - _REST),
             team=team,
             again=robot in self._options.again,
+            joins=robot in self._options.joins,
             migrate=self._options.migrate,
             plan=dict(self._options.plan),
             preview=self._options.preview,
@@ -230,6 +232,10 @@ class Deployment:
     def source_map(self, robot: str) -> SourceMap:
         """Where what a robot reports of its file is in the files of the model."""
         return self._source_maps[robot]
+
+    def refuse(self, reason: str) -> None:
+        """End it for this reason, unless robots were told to start."""
+        self._protocol.handle(Refused(reason))
 
     def close(self) -> None:
         """Close all endpoints; what was not decided yet is aborted."""
@@ -345,6 +351,7 @@ class Sender:
         decided: Callable[[], object] = lambda: None,
         only: Sequence[str] = (),
         again: Collection[str] = (),
+        joins: Collection[str] = (),
     ) -> Deployment:
         """Begin a deployment. Raises what `Deployment` does."""
         self._sequence = max(self._sequence + 1, round(self.options.wall_time() * 1e6))
@@ -356,7 +363,7 @@ class Sender:
             middleware=self.middleware,
             ended=ended,
             decided=decided,
-            options=replace(self.options, only=only, again=again),
+            options=replace(self.options, only=only, again=again, joins=joins),
         )
         deployment.begin()
         return deployment

@@ -168,7 +168,16 @@ class Approved:
     now: int
 
 
-SenderEvent = Begun | StatusReceived | RobotAnswered | RivalFound | TimerFired | PatienceEnded | Closed | Approved
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """What is sent must not start any more."""
+
+    reason: str
+
+
+SenderEvent = (
+    Begun | StatusReceived | RobotAnswered | RivalFound | TimerFired | PatienceEnded | Closed | Approved | Refused
+)
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -235,6 +244,8 @@ def step(state: SenderState, event: SenderEvent) -> tuple[SenderState, tuple[Sen
             return _end(_map(state, lambda each: _impatient(state, each, patience)), failed=True)
         case Approved(refusal, now) if state.phase == "approval":
             return _refused(state, refusal) if refusal else _start(state, now)
+        case Refused(reason) if state.phase != "start":
+            return _refused(state, reason)
         case Closed():
             return _stop(state, failed=True)
     return state, ()

@@ -670,11 +670,15 @@ class Team:
             self._check_written("told", topic, process)
 
     def _check_goal(self, goal: ServerGoal, server: str) -> None:
-        """A goal is executed once; another one for the same, after a crash too, only if it is cancelled before."""
+        """A goal is executed once; another one for the same, after a crash too, only if the first is cancelled.
+
+        What was sent first may arrive last.
+        """
         robot, number = self.robots[goal.message.pose.header.frame_id], round(goal.message.pose.pose.position.x)
         last = self._sent.get((server, robot.name, number), b"")
         since, left = self._begun.get((server, last), -1.0), self._left[goal.id]
-        excused = any(since <= time <= left and why in ("cancel", "server") for time, why in robot.excuses)
+        first, second = sorted((since, left))
+        excused = any(first <= time <= second and why in ("cancel", "server") for time, why in robot.excuses)
         started = self.plan.mission is not None and is_started(self.plan.mission, robot.name)
         if since >= 0 and robot.durable and not (robot.spoilt or excused or started):
             self.problems.append(f"{robot.name} has sent its goal {number} again, which its server has")
@@ -703,8 +707,8 @@ class Team:
             recorder = node.host.recorder if node is not None else None
             if robot.spoilt or robot.process is None or robot.process.stopped or recorder is None:
                 continue
-            cancelled = goal.id.hex() in node.runner.cancelled.table()
-            if goal.id.hex() not in _goals_of(node) and not (cancelled and goal.id in self.refused) and not robot.engine.resuming:
+            known, cancelled = _goals_of(node), goal.id.hex() in node.runner.cancelled.table()
+            if goal.id.hex() not in known and not (cancelled and goal.id in self.refused) and not robot.engine.resuming:
                 lost[goal.id] = self._lost.get(goal.id, now)
                 if now - lost[goal.id] > 3 + self.fabric.delay + 2 * robot.machine.slowest:
                     what = "was cancelled, and goes on" if cancelled else "goes on that no task waits for"
