@@ -12,7 +12,8 @@ import threading
 from typing import Any
 
 _API: Any = ctypes.pythonapi if sys.implementation.name == "cpython" else None
-_kept: set[int] = set()
+_state = threading.local()
+"""Of each thread; not by its number, which a thread gets again when another has ended."""
 
 
 def keep_thread_state() -> None:
@@ -20,10 +21,10 @@ def keep_thread_state() -> None:
 
     It is safe: the thread holds Python's lock here and gives it back when the callback returns, since that is up to the
     outermost call of PyGILState_Ensure, not to this one. One state for each such thread stays until the process ends:
-    call this in threads of a pool alone, which end before. `benchmarks/zenoh_trips.py` measures what it saves.
+    call this in threads of a pool alone. `benchmarks/zenoh_trips.py` measures what it saves.
     """
-    if _API is not None and threading.get_ident() not in _kept:
-        _kept.add(threading.get_ident())
+    if _API is not None and not hasattr(_state, "kept"):
+        _state.kept = True
         _API.PyGILState_Ensure()
 
 

@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,6 +20,7 @@ pytest.importorskip("zenoh", reason="Zenoh is not installed: pip install 'fame-r
 import zenoh
 from middleware_contract import WallWorld, needs, zenoh_world
 
+from fame import cpython
 from fame.clock import SECOND, WallScheduler
 from fame.cpython import keep_thread_state
 from fame.errors import ConfigError, MessageError
@@ -510,6 +512,16 @@ def test_threads_of_zenoh_keep_their_state(here: WallWorld, stranger: Any, monke
     here.until(lambda: len(here.heard) == 20)  # type: ignore[attr-defined]
     assert len(calls) == 20
     assert sorted(made) == sorted(set(calls))
+
+
+def test_a_thread_that_has_the_number_of_one_that_ended_keeps_its_state_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[int] = []
+    monkeypatch.setattr(cpython, "_API", SimpleNamespace(PyGILState_Ensure=lambda: kept.append(threading.get_ident())))
+    for _ in range(3):
+        thread = threading.Thread(target=lambda: [keep_thread_state() for _ in range(2)])
+        thread.start()
+        thread.join()
+    assert len(kept) == 3, kept
 
 
 def test_a_publisher_with_another_definition_of_the_type_is_not_heard_and_named(here: WallWorld, stranger: Any) -> None:
