@@ -72,7 +72,7 @@ def test_an_engine_gets_its_process_waits_goes_on_and_leaves(
     (tmp_path / "wait.bpmn").write_text(MODEL)
     over = ("--middleware", middleware)
     told("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", *over)
-    robots = json.loads(told("status", "--json", *over))["robots"]
+    robots = json.loads(told("status", "REX", "--json", *over))["robots"]
     assert list(robots) == ["REX"]
     assert '"wait"' in json.dumps(robots)
     told("complete", "REX", "wait", *over)
@@ -218,7 +218,7 @@ def test_a_splitter_deploys_the_diagram_that_is_published(
         publish = [sys.executable, "-c", DIAGRAM, middleware, str(tmp_path / "wait.bpmn")]
         subprocess.run(publish, env=ENVIRONMENT, timeout=60, check=True)
         deadline = time.monotonic() + 40
-        while '"wait"' not in told("status", "--json", *over):
+        while '"wait"' not in told("status", "REX", "--json", *over):
             assert time.monotonic() < deadline
         told("complete", "REX", "wait", *over)
     finally:
@@ -243,7 +243,7 @@ def test_an_engine_with_keys_runs_only_what_is_signed(middleware: str, tmp_path:
     try:
         assert "not signed" in refused("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", *over)
         told("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", "--key", str(tmp_path / "team.key"), *over)
-        assert '"wait"' in told("status", "--json", "--trust", str(tmp_path / "team.pub"), *over)
+        assert '"wait"' in told("status", "REX", "--json", "--trust", str(tmp_path / "team.pub"), *over)
     finally:
         engine.kill()
         engine.wait()
@@ -264,7 +264,7 @@ def test_a_process_that_replaces_another_is_recorded_and_nobody_warns(
         for _ in range(2):
             told("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", *over)
         told("complete", "REX", "wait", *over)
-        told("status", *over)
+        told("status", "REX", *over)
     finally:
         recorder.send_signal(signal.SIGINT)
         recorder.communicate(timeout=30)
@@ -328,7 +328,7 @@ def lives(pid: int) -> bool:
 
 
 def status(middleware: str) -> dict[str, str]:
-    found = json.loads(told("status", "--json", "--middleware", middleware))
+    found = json.loads(told("status", *ROBOTS, "--json", "--middleware", middleware))
     return {robot: report["state"] for robot, report in found["robots"].items()}
 
 

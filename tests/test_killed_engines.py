@@ -64,7 +64,9 @@ class Engine:
         return self.process.communicate()[1]
 
     def status(self) -> dict[str, object]:
-        done = subprocess.run(fame("status", "--json"), env=ENVIRONMENT, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            fame("status", "REX", "--json"), env=ENVIRONMENT, capture_output=True, text=True, check=False
+        )
         return json.loads(done.stdout).get("robots", {}).get("REX", {})
 
 
@@ -127,7 +129,7 @@ def test_an_engine_that_is_interrupted_goes_on_with_the_same_command(engine: Eng
     engine.words.append("--fresh")
     engine.start()
     until = time.monotonic() + PATIENCE
-    while engine.status().get("state") != "waiting" and time.monotonic() < until:
+    while (found := engine.status().get("state")) != "waiting" and time.monotonic() < until:
         time.sleep(0.2)
-    assert engine.status()["state"] == "waiting"
+    assert found == "waiting"
     assert (tmp_path / "state" / "old-1").is_dir()

@@ -239,7 +239,7 @@ def test_an_engine_is_deployed_to_redeployed_and_shown(tmp_path, team):
     team.until(lambda: team.at("A") == ["second"], "the second process")
     asked = [
         team.command(*words.split())
-        for words in ("status", "complete A first --value approved=true", "activate A look")
+        for words in ("status A", "complete A first --value approved=true", "activate A look")
     ]
     (status, shown), (complete, completed), (activate, activated) = (said_by(process) for process in asked)
     assert (status, complete, activate) == (0, 1, 1)
