@@ -9,6 +9,7 @@ from bpmn_text import document, properties
 from fame.bpmn import read_text
 from fame.check import check
 from fame.clock import SECOND, Scheduler
+from fame.errors import ModelError
 from fame.middleware.interface import SIGNAL
 from fame.middleware.local import LocalMiddleware
 from fame.robot.endpoints import DirectMessages, direct_topic
@@ -81,6 +82,18 @@ def test_a_name_that_nobody_has_fails_the_element(tmp_path: Path, to: str) -> No
     (error,) = result.robots[0].errors
     assert (result.status, error.code, error.element) == ("failed", "unreachable", "m")
     assert error.text.endswith("takes message /order; robots that do: Worker_1, Worker_2, Worker_3")
+
+
+def test_two_messages_that_are_the_same_for_one_robot_are_refused(tmp_path: Path) -> None:
+    """Each was caught as the other, too."""
+    starts = "".join(
+        f'<startEvent id="{id}">{properties(type="std_msgs/msg/Int64")}<messageEventDefinition messageRef="{name}"/>'
+        "</startEvent>"
+        for id, name in (("w", "Order"), ("v", "Own"))
+    )
+    text = team(throw("m", "Worker_1") + chain("s", "m"), starts)
+    with pytest.raises(ModelError, match="messages /order and ~/order are the same if they are for one robot"):
+        run(tmp_path, text.replace("<collaboration", '<message id="Own" name="~/order"/><collaboration', 1))
 
 
 def test_which_a_boundary_event_of_the_task_may_catch(tmp_path: Path) -> None:

@@ -61,6 +61,7 @@ class Endpoints:
         self._publishers: dict[str, Publisher] = {}  # by full name
         self._thrown: dict[str, Publisher] = {}  # those of throwing events, by qualified name
         self.caught: dict[str, str] = {}
+        self._own: dict[str, str] = {}  # its topics for messages to it alone: full name -> qualified name
         self._names = {resolve(name, node.namespace): name for name in uses}
 
     def open(self, on_message: OnMessage) -> None:
@@ -118,7 +119,10 @@ class Endpoints:
             self.caught[full] = name
             self._node.subscription(full, use.type, on_message, profile)
         if use.takes_messages:
-            self._node.subscription(direct_topic(name, self._node.namespace), use.type, on_message, profile)
+            own = direct_topic(name, self._node.namespace)
+            if (other := self._own.setdefault(own, name)) != name:
+                raise MessageError(f"messages {other} and {name} are the same if they are for one robot: rename one")
+            self._node.subscription(own, use.type, on_message, profile)
 
     def _open_for_script(self, topic: str, direction: str, type: str | None, inbox: Inbox) -> None:
         if direction in ("call", "act"):
