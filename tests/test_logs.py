@@ -16,12 +16,13 @@ from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.errors import ConfigError
-from fame.log import COLUMNS, logging_to, outcomes, visits
+from fame.log import COLUMNS, About, logging_to, outcomes, visits
 from fame.log.elements import element_info
 from fame.log.reading import run_outcomes
 from fame.robot import Event
 from fame.robot.events import Observer
 from fame.scenario import Scenario
+from fame.scenario.team_logs import team_logs
 
 XES = "{http://www.xes-standard.org/}"
 SMALL = process(
@@ -469,3 +470,39 @@ def test_a_robot_may_have_any_name(tmp_path: Path) -> None:
         write(Event(0, "100%d", 1, 2, "a", "enter"))
     (line,) = map(json.loads, path.read_text().splitlines())
     assert (line["robot"], line["instance"], line["scope"], line["element"]) == ("100%d", 1, 2, "a")
+
+
+# ---- of a run in many processes --------------------------------------------------------------------------------------
+
+VEHICLES = Path(__file__).parent.parent / "examples" / "ground_vehicles.yaml"
+
+
+def test_without_an_event_of_a_robot_no_property_is_known(tmp_path: Path) -> None:
+    scenario = Scenario.load(VEHICLES)
+    with team_logs(scenario, [tmp_path / "run.jsonl"], About(), "signals") as logs:
+        assert logs is not None
+        judgements = logs.finish(lambda path: pytest.fail("there is no recording"))
+    assert [one.name for one in judgements] == [one.name for one in scenario.properties] != []
+    assert {one.verdict for one in judgements} == {"not known"}
+
+
+def test_a_recording_may_be_named_twice(tmp_path: Path) -> None:
+    """It was copied onto itself after the run, whose result was lost."""
+    (tmp_path / "other").mkdir()
+    files = [tmp_path / "run.mcap", tmp_path / "other" / ".." / "run.mcap", tmp_path / "second.mcap"]
+    with team_logs(Scenario.load(VEHICLES), files, About(), "signals") as logs:
+        assert logs is not None
+        logs._open()
+        logs.finish(lambda path: ())
+    assert files[0].read_bytes() == files[2].read_bytes() != b""
+
+
+def test_logs_of_a_team_that_cannot_be_written_are_refused_before_it_starts(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (kept := tmp_path / "kept.csv").write_text("kept")
+    with (
+        pytest.raises(ConfigError, match="cannot be written"),
+        team_logs(Scenario.load(VEHICLES), [kept, tmp_path / "file" / "run.csv"], About(), "signals"),
+    ):
+        pytest.fail("it starts")
+    assert kept.read_text() == "kept"

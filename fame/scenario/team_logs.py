@@ -66,17 +66,22 @@ class TeamLogs:
         return file
 
     def finish(self, judge: Callable[[Path], Sequence[Judgement]]) -> Sequence[Judgement]:
-        """Judge the recording, close it with what `judge` has found, and write the logs. Returns the judgements."""
-        if self._file is None:  # no robot sent an event
+        """Judge the recording, close it with what `judge` has found, and write the logs. Returns the judgements.
+
+        If no robot sent an event there are no logs, and no property is known.
+        """
+        if self._file is None:
             self.close()
-            return ()
+            text = "no robot sent an event"
+            return [Judgement(one.name, one.sentence, "not known", text=text) for one in self._scenario.properties]
         found = judge(self._path)
         self.close(found)
-        for log in self._logs:
-            if log != self._path and log.suffix.lower() == RECORDING:
-                copyfile(self._path, log)
-            elif log != self._path:
-                load(CONVERT_RECORDING)(self._path, log)
+        recording = self._path.resolve()
+        for log in (log for log in self._logs if log.resolve() != recording):
+            if log.suffix.lower() == RECORDING:
+                copyfile(recording, log)
+            else:
+                load(CONVERT_RECORDING)(recording, log)
         return found
 
     def close(self, judgements: Sequence[Judgement] = ()) -> None:
@@ -88,11 +93,14 @@ class TeamLogs:
 
 @contextmanager
 def team_logs(scenario: Plan, logs: Sequence[Path], about: About, topics: LogTopics) -> Iterator[TeamLogs | None]:
-    """Return the logs of a run in many processes; None without logs. Raises ConfigError."""
+    """Return the logs of a run in many processes; None without logs.
+
+    Raises ConfigError for an unknown ending and a file that cannot be written, before anything is started.
+    """
     if not logs:
         yield None
         return
-    _check_endings(logs)
+    _check(logs)
     with TemporaryDirectory(prefix="fame-") as folder:
         path = next((log for log in logs if log.suffix.lower() == RECORDING), Path(folder) / "run.mcap")
         made = TeamLogs(scenario, path, logs, about, topics)
@@ -102,10 +110,12 @@ def team_logs(scenario: Plan, logs: Sequence[Path], about: About, topics: LogTop
             made.close()
 
 
-def _check_endings(logs: Collection[Path]) -> None:
+def _check(logs: Collection[Path]) -> None:
     known = (*CONVERTED, RECORDING)
     for log in logs:
         if not log.name.lower().endswith(known):
             raise ConfigError(wrong_ending(log.name, known), file=str(log))
         if log.suffix.lower() != RECORDING:
-            load(CONVERT_RECORDING)  # before anything is started
+            load(CONVERT_RECORDING)
+        with new_file(log):
+            pass
