@@ -339,6 +339,22 @@ def test_what_is_new_is_armed_when_a_mission_that_was_suspended_continues() -> N
     assert new.waiting == ["a"]
 
 
+def test_what_is_new_in_a_suspended_scope_is_armed_when_that_continues() -> None:
+    event = handler("h", start("hs", signal("A")) + user("v") + path("hs v"), resume=True)
+    inside = start("t") + user("a") + path("t a")
+    content = start() + event + sub("p", inside) + path("s p")
+    more = boundary("x", "p", signal("B"), interrupting=False) + boundary("c", "p", timer("PT5S"), interrupting=False)
+    within = boundary("y", "a", signal("B"), interrupting=False)
+    new = Migrated(Run(content).run(0).signal("A"), start() + event + sub("p", inside + within) + path("s p") + more)
+    new.simulation.signal("B")
+    new.simulation.run(6)
+    assert sum(new.instance.visits[each] for each in "xyc") == 0
+    new.simulation.complete("v")
+    assert [new.instance.visits[each] for each in "xyc"] == [0, 0, 1]
+    new.simulation.signal("B")
+    assert [new.instance.visits[each] for each in "xyc"] == [1, 1, 1]
+
+
 # ---- plans -----------------------------------------------------------------------------------------------------------
 
 

@@ -79,7 +79,7 @@ class ArmedEvents:
         for key, owners in self._owners.items():
             element = self._new.by_key[key].id
             for owner in owners if element in before else ():
-                if (key, owner) not in self._kept and self._places.is_running(owner):
+                if (key, owner) not in self._kept:
                     anew.add((owner, element))
         yield from ((owner, element, f"arms {element} anew") for owner, element in sorted(anew))
         named, kept = {(self._root(owner), element) for owner, element in anew}, set(self._kept.values())

@@ -24,7 +24,7 @@ from fame.engine.interpreter import Engine
 from fame.engine.places import Misplaced, Places
 from fame.engine.program import LoopInstance, Node, Program
 from fame.engine.snapshot import OF_NO_PROGRAM, all_scopes
-from fame.engine.state import RUNNING, Scope, Wait
+from fame.engine.state import Scope, Wait
 from fame.engine.steps import ABANDONED
 from fame.errors import MissionError
 
@@ -526,9 +526,7 @@ def _is_wrapper(node: Node) -> bool:
 def arm_new(engine: Engine) -> None:
     """Arm what is new in a migrated state: boundary events, event sub-processes, queues, timer start events."""
     for scope in all_scopes(engine):
-        if scope.state != (RUNNING if engine.held is None else RUNNING + 1):
-            continue
-        body = scope.body
+        body, own = scope.body, int(scope.suspender is not None)
         if body is not None:
             mail = scope.mail or {}
             for node in body.queued:
@@ -540,31 +538,31 @@ def arm_new(engine: Engine) -> None:
                 if node not in there:
                     wait = Wait(engine.new_key(), node, scope, False, scope)
                     scope.children[wait] = None
-                    _arm(engine, wait)
+                    _arm(engine, wait, scope.state - own * (not wait.catch.resume))
         if scope.parent is not None and scope.node is not None:
-            _arm_missing(engine, scope.node, scope.parent, scope)
+            _arm_missing(engine, scope.node, scope.parent, scope, scope.state - own)
         for wait in [child for child in scope.children if isinstance(child, Wait) and child.token]:
-            _arm_missing(engine, wait.node, wait.scope, wait)
+            _arm_missing(engine, wait.node, wait.scope, wait, wait.paused)
     engine.arm_starts()
 
 
-def _arm_missing(engine: Engine, node: Node, scope: Scope, owner: Scope | Wait) -> None:
+def _arm_missing(engine: Engine, node: Node, scope: Scope, owner: Scope | Wait, suspended: int) -> None:
     """Arm the boundary events of an activity that are not armed."""
     there = {wait.node for wait in owner.arms}
     for event in node.boundary.armed if node.boundary is not None else ():
         if event not in there and owner.alive:
             wait = Wait(engine.new_key(), event, scope, False, owner)
             owner.arms += (wait,)
-            _arm(engine, wait)
+            _arm(engine, wait, suspended)
 
 
-def _arm(engine: Engine, wait: Wait) -> None:
-    """Arm a wait; while the engine is held, only its timer or its queue: the end of that arms the rest."""
-    if engine.held is not None:
-        wait.paused += 1
+def _arm(engine: Engine, wait: Wait, suspended: int) -> None:
+    """Arm a wait; while suspensions hold it, only its timer or its queue: the end of them arms the rest."""
+    wait.paused = suspended
+    if engine.held is not None and suspended:
         engine.held[1].append(wait)
-        if wait.catch.trigger is not waiting.TIMER:
-            if wait.catch.queue and waiting.mailbox_of(wait) is None:
-                wait.box = waiting.open_mailbox(engine, wait.node, wait.scope)
-            return
+    if suspended and wait.catch.trigger is not waiting.TIMER:
+        if wait.catch.queue and waiting.mailbox_of(wait) is None:
+            wait.box = waiting.open_mailbox(engine, wait.node, wait.scope)
+        return
     waiting.arm(engine, wait)

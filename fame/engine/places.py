@@ -73,11 +73,6 @@ class Places:
             yield key
             key = self.scopes[key]["parent"] if key in self.scopes else self.waits[key]["scope"]
 
-    def is_running(self, key: int) -> bool:
-        """Return whether the scope of a wait, or a scope, is not suspended, but for what holds all."""
-        scope = self.scopes.get(key) or self.scopes[self.waits[key]["scope"]]
-        return bool(scope["state"] == self._running)
-
     def successor(self, key: int) -> int | None:
         """Return the token that is now in the place of a token: itself, or what has left it; None if it is gone."""
         while key in self.left:
