@@ -859,8 +859,9 @@ def test_a_clock_set_back_during_an_outage_delays_no_timer(field: Durable) -> No
 
 @pytest.mark.parametrize("set_by", [3600, -3600])
 @pytest.mark.parametrize("before", [True, False], ids=["before it is deployed", "while it waits"])
+@pytest.mark.parametrize("dies", [True, False], ids=["killed", "without memory"])
 def test_a_clock_that_is_set_while_the_engine_runs_moves_no_timer(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, set_by: int, before: bool
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, set_by: int, before: bool, dies: bool
 ) -> None:
     monkeypatch.setattr(Scheduler, "is_simulated", False)
     field = Durable(tmp_path)
@@ -876,11 +877,15 @@ def test_a_clock_that_is_set_while_the_engine_runs_moves_no_timer(
     field.deploy(TIMED)
     clock[0] = begun.timestamp()
     field.pass_time(3)
-    field.crash()
-    field.options["epoch"] = begun
-    field.start()
+    if dies:
+        field.crash()
+        field.options["epoch"] = begun
+        field.start()
+    else:
+        field.engine._on_no_memory()
     field.pass_time(2)
     assert field.engine.running.instances[0].waiting == ["c"]
+    assert dies or field.variables("A")["away"] < 3
     field.pass_time(15)
     assert field.engine.running.instances[0].waiting == ["u"]
 

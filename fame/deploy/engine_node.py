@@ -745,6 +745,7 @@ class EngineNode:
         self._reserve, self._no_memory = bytearray(_RESERVE), ""
         if self._keeper is not None:
             self._protocol.state = RobotDeployment(self.robot, born=self.born)
+            self._options = replace(self._options, epoch=self._keeper.epoch_again(self._options))
             self._resume()
 
     # ---- the end ---------------------------------------------------------------------------------------------------

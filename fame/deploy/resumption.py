@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import suppress
+from datetime import datetime, timedelta
 from functools import partial, reduce
 from hashlib import sha256
 from itertools import zip_longest
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from fame.robot import RobotNode
     from fame.robot.durable import DurableRecorder
     from fame.robot.journal import SegmentContents, StateDirectory
+    from fame.robot.options import RobotOptions
     from fame.robot.state_tables import Tables
 
 _ENVELOPE, _PROMISE = "deployment-", "promise"
@@ -157,13 +159,20 @@ class StateKeeper:
         """The date of the scheduler's time 0, as the clock says now (ns since 1970)."""
         return round(self._wall_time() * SECOND) - self._scheduler.now
 
-    def _epoch(self, process: RobotNode) -> int:
+    def _epoch(self, mission: RobotNode | RobotOptions) -> int:
         """The same for dates that are stored: that of the mission, unless the clock was set since the engine began."""
         from fame.robot.restoring import epoch_of
 
-        epoch, clock = epoch_of(process), self._clock()
-        is_of_clock = not process.scheduler.is_simulated and abs(epoch - self._begun) < SECOND
-        return clock if is_of_clock and abs(clock - epoch) > SECOND else epoch
+        epoch, clock = epoch_of(mission), self._clock()
+        return clock if abs(epoch - self._begun) < SECOND < abs(clock - epoch) else epoch
+
+    def epoch_again(self, options: RobotOptions) -> datetime:
+        """Return the date of the scheduler's time 0 for what this process itself resumes: that of what is stored."""
+        from fame.robot.restoring import epoch_of
+
+        later = self._epoch(options) - epoch_of(options)
+        self._begun += later
+        return options.epoch + timedelta(microseconds=later // 1000)
 
     # ---- writing -----------------------------------------------------------------------------------------------------
 
@@ -304,6 +313,7 @@ class StateKeeper:
         if self.recorder is not None:
             self.recorder.drop()
         self.stop()
+        self.directory.last_seen = self._wall_time()
         self._kept, self._lost = [], ""
 
     def _touch(self) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.engine.program import Program
 from fame.engine.state import Wait
@@ -28,10 +28,13 @@ from fame.robot.state_tables import (
 from fame.robot.stored_values import StoredValues
 from fame.robot.suspension import SUSPENDED
 
+if TYPE_CHECKING:
+    from fame.robot.options import RobotOptions
+
 _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def epoch_of(node: RobotNode) -> int:
+def epoch_of(node: RobotNode | RobotOptions) -> int:
     """Return the date of second 0 of the mission's time (ns since 1970)."""
     return (node.epoch - _UNIX) // timedelta(microseconds=1) * 1000
 
