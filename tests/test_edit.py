@@ -24,7 +24,7 @@ from xml.sax.saxutils import escape, quoteattr
 import pytest
 from bpmn_text import process
 from test_diff import DRAWN, FLOWS, OTHERS, TASK
-from view_page import eventually, until
+from view_page import becomes, eventually, says, until
 
 from fame.bpmn import read_text
 from fame.bpmn.library import Library
@@ -547,7 +547,7 @@ def test_findings_are_at_the_elements_and_in_a_list(chromium: Browser, library: 
         page.evaluate(change % "a =")
         until(page, "document.querySelector('.mark.error') !== null")
         page.locator("#findings button", has_text="not valid Python").click()
-        assert page.evaluate("edit.modeler.get('selection').get().map(one => one.id)") == ["t"]
+        becomes(page, "edit.modeler.get('selection').get().map(one => one.id)", ["t"])
         page.evaluate(change % "a = 2")
         until(page, "document.querySelector('.mark.error') === null")
 
@@ -715,8 +715,7 @@ def test_of_two_windows_on_a_file_none_overwrites_the_other(chromium: Browser, l
         other.evaluate(rename % ("s", "Begin"))
         until(one, "edit.dirty")
         one.locator("#save").click()
-        other.locator("#both").wait_for()
-        assert "name: Count → Number" in other.locator("#outside").inner_text()
+        says(other, "#outside", "name: Count → Number")
         other.keyboard.press("Control+s")
         until(other, "document.querySelector('#toast').textContent.includes('nothing is written')")
         other.locator("#both").click()
@@ -754,11 +753,10 @@ def test_what_may_go_wrong_is_found_in_the_background_and_plays_on_the_diagram(
     with ModelEdit(model, library) as source, Server(source) as server, opened(chromium, server) as page:
         until(page, "document.querySelector('#explored')?.textContent === 'errors are reached'")
         page.locator(".play").first.click()
-        page.locator("#steps").wait_for()
-        assert "1 of 2: ONE's timer d1 fires" in page.locator("#steps").inner_text()
+        says(page, "#steps", "1 of 2: ONE's timer d1 fires")
         page.locator("#after").click()
-        assert page.locator(".waits").all_inner_texts() == ["ONE", "TWO"]
-        assert page.locator(".djs-shape.step").get_attribute("data-element-id") == "d2"
+        becomes(page, "[...document.querySelectorAll('.waits')].map(one => one.innerText)", ["ONE", "TWO"])
+        becomes(page, "document.querySelector('.djs-shape.step').dataset.elementId", "d2")
         if folder := os.environ.get("FAME_SHOTS"):
             page.screenshot(path=Path(folder) / "edit_explored.png")
         page.evaluate(

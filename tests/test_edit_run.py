@@ -225,7 +225,7 @@ def test_agriculture_gets_an_activity_drawn_in_while_it_runs(
         page.locator("#here").click()
         until(page, "edit.running.status?.stopped === 'A token has come there.'")
         until(page, "document.querySelectorAll('.disc').length === 2")  # of the drone, and of the tractor
-        assert page.locator("#world canvas").is_visible()
+        page.locator("#world canvas").wait_for()
         box = page.evaluate(
             "id => document.querySelector(`g[data-element-id='${id}']`).getBoundingClientRect().toJSON()", behind
         )
@@ -261,7 +261,7 @@ def test_agriculture_gets_an_activity_drawn_in_while_it_runs(
         until(page, "document.querySelector('.has-token[data-element-id=Search]') !== null")
         page.locator("#play").click()
         until(page, "edit.running.status.over && document.querySelector('#clock').innerText.includes('completed')")
-        assert page.evaluate("edit.running.world.ground.weeds.every(weed => weed.cut !== null)")
+        until(page, "edit.running.world.ground.weeds.every(weed => weed.cut !== null)")
         assert source.run._run is not None
         tractors = [one for one in source.run._run._run.nodes if one.name != "Drone"]  # type: ignore[union-attr]
         assert sum(one.visits[task] for node in tractors for one in node.instances) == 5

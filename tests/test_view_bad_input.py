@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from recorded_runs import record
-from view_page import opened, until
+from view_page import opened, says, until
 
 from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
@@ -102,7 +102,7 @@ def test_a_world_of_another_form_does_not_stop_the_page(chromium: Browser, tmp_p
         with opened(chromium, replay) as page:
             page.evaluate("fame.player.seek(5)")
             until(page, "document.querySelector('#inspector').textContent.includes('x5')")
-            assert page.locator("#toast").inner_text().startswith("The world cannot be drawn")
+            says(page, "#toast", "The world cannot be drawn")
 
 
 def test_a_model_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from bpmn_text import document
 from recorded_runs import record
-from view_page import OVERLAPPING, READY, beyond, opened, until
+from view_page import OVERLAPPING, READY, becomes, beyond, frames, opened, says, until
 
 from fame.log import Recording
 from fame.scenario import Scenario
@@ -109,12 +109,10 @@ def test_scrubbing_equals_direct_seeking(page: Page, recording: Path) -> None:
 
 def test_the_drawing_has_a_disc_for_each_token_of_the_mission(page: Page) -> None:
     page.evaluate("fame.player.seek(40e9)")
-    page.wait_for_timeout(100)
-    shown = page.evaluate("[...document.querySelectorAll('.under .disc')].map((one) => one.dataset.robot).length")
-    expected = page.evaluate(
-        """[...fame.state.tokens.values()].filter((one) => fame.diagram.current.shapes.has(one.e)).length"""
-    )
-    assert shown == expected > 0
+    until(page, "fame.shows(40e9)")
+    shown = "document.querySelectorAll('.under .disc').length"
+    expected = "[...fame.state.tokens.values()].filter((one) => fame.diagram.current.shapes.has(one.e)).length"
+    assert page.evaluate(f"{shown} === {expected} && {expected} > 0")
 
 
 def test_a_diagram_that_would_be_too_small_opens_on_a_pool_with_an_overview_of_the_whole(page: Page) -> None:
@@ -126,8 +124,7 @@ def test_a_diagram_that_would_be_too_small_opens_on_a_pool_with_an_overview_of_t
     box = overview.bounding_box()
     assert box is not None
     overview.click(position={"x": box["width"] - 2, "y": box["height"] - 2})
-    after = page.evaluate("fame.diagram.view.sight()")
-    assert after[0] > before[0] + 100
+    until(page, f"fame.diagram.view.sight()[0] > {before[0] + 100}")
     page.keyboard.press("f")
     until(page, "fame.diagram.overview.canvas.hidden")
 
@@ -144,12 +141,12 @@ def test_robots_that_have_not_begun_say_what_they_wait_for(page: Page) -> None:
 def test_the_names_of_small_shapes_are_cut_or_left_out(page: Page) -> None:
     left_out = "[...document.querySelectorAll('.drawing g:not(.frame):not(.dot) > text')].filter((one) => one.hasAttribute('hidden')).length"
     page.set_viewport_size({"width": 390, "height": 844})
-    page.wait_for_timeout(100)
+    frames(page)
     page.evaluate("fame.diagram.fit()")
     until(page, "fame.diagram.current.level < 0.3")
     cut = page.evaluate(left_out)
     page.get_by_title("Names at small zoom, cut short").click()
-    assert page.evaluate(left_out) > cut
+    until(page, f"{left_out} > {cut}")
 
 
 def test_the_cursor_goes_from_event_to_event(page: Page) -> None:
@@ -183,7 +180,7 @@ def test_a_link_holds_time_robot_and_element(page: Page) -> None:
     until(page, "location.hash === '#t=0'")  # the page writes its address a moment later; the same one is no news
     page.evaluate("(link) => { location.hash = link; }", link)
     until(page, "fame.player.time === 42.5e9 && fame.selected.robot === 1")
-    assert page.evaluate("fame.mission.elements[fame.selected.element].id") == "TakeOff"
+    becomes(page, "fame.mission.elements[fame.selected.element].id", "TakeOff")
 
 
 def test_a_called_process_opens_with_a_breadcrumb(page: Page) -> None:
@@ -217,12 +214,9 @@ def test_the_page_fits_its_window_in_each_tab(page: Page) -> None:
         page.set_viewport_size({"width": width, "height": height})
         for tab, panels in (PANELS if width > 1100 else TABS).items():
             page.evaluate(f"fame.tabs.choose('{tab}')")
-            page.wait_for_timeout(50)
+            frames(page)
             root = "document.documentElement"
-            assert page.evaluate(f"{root}.scrollWidth <= innerWidth && {root}.scrollHeight <= innerHeight"), (
-                width,
-                tab,
-            )
+            until(page, f"{root}.scrollWidth <= innerWidth && {root}.scrollHeight <= innerHeight")
             assert beyond(page) == [], (width, tab)
             for panel in panels:
                 box = page.locator(f"#{panel}").bounding_box()
@@ -325,12 +319,13 @@ def test_the_inspector_has_the_colours_of_the_robots_in_both_themes(page: Page) 
     page.evaluate(
         "window.colours = (css) => [...new Set([...document.querySelectorAll(css)].map((one) => getComputedStyle(one).backgroundColor))].join()"
     )
-    shown = []
+    shown = [""]
     for theme in ("light", "dark"):
         page.evaluate(f"fame.setTheme('{theme}')")
-        until(page, "colours('.body .swatch') === colours('.lane:not(.property) i')")
-        shown.append(page.evaluate("colours('.lane:not(.property) i')"))
-    assert shown[0] != shown[1]
+        until(page, f"!{shown}.includes(colours('.body .swatch'))")
+        shown.append(
+            until(page, "colours('.body .swatch') === colours('.lane:not(.property) i') && colours('.lane i')")
+        )
 
 
 def test_a_plot_has_the_colour_of_the_robot_whose_variable_or_topic_it_shows(page: Page) -> None:
@@ -376,19 +371,18 @@ def test_names_of_pools_and_lanes_stay_while_one_scrolls_above_where_they_are_up
         until(page, "document.querySelector('.pin')")
         page.evaluate("fame.diagram.view.zoom(1 / fame.diagram.view.scale)")
         page.evaluate("fame.diagram.view.shift(-300 - fame.diagram.view.x, -300 - fame.diagram.view.y)")
-        found = page.evaluate(places)
+        pinned = until(
+            page, places, holds=lambda at: all(name in at and at[name][axis] == far for name, axis, far in PINNED)
+        )
         page.evaluate("fame.load(fame.mission)")  # as when the model is saved
-        assert page.evaluate(places) == found
-        assert {name: at[axis] for name, axis in PINNED for at in [found[name]]} == {
-            "Seeder": 0, "Sower": 20, "Harvester": 0, "Reaper": 20,
-        }  # fmt: skip
+        becomes(page, places, pinned)
         names = "[...document.querySelectorAll('.drawing text:not([hidden])')].map((one) => (({x, y, width, height}) => [x, y, width, height])(one.getBoundingClientRect()))"
         assert len(page.evaluate(names)) == 5  # not those of pools
         assert page.evaluate(f"({OVERLAPPING})({names})") == []
 
 
-PINNED = (("Seeder", 0), ("Sower", 0), ("Harvester", 1), ("Reaper", 1))
-"""Names, and the axis (x or y) on which they stay."""
+PINNED = (("Seeder", 0, 0), ("Sower", 0, 20), ("Harvester", 1, 0), ("Reaper", 1, 20))
+"""Names, the axis (x or y) on which they stay, and where (px)."""
 
 
 # ---- nothing is markup -----------------------------------------------------------------------------------------------
@@ -425,8 +419,8 @@ def test_markup_in_a_model_is_text(chromium: Browser, tmp_path: Path) -> None:
         page.evaluate("fame.select({robot: 0, element: fame.mission.elements.findIndex((one) => one.id === 'T')})")
         for tab in ("state", "topics", "log", "state"):
             page.evaluate(f"fame.inspector.choose('{tab}')")
-            page.wait_for_timeout(60)
-        assert ATTACK in page.locator("#inspector").inner_text()
+            frames(page)
+        says(page, "#inspector", ATTACK)
         assert page.evaluate("window.hit") is None
         assert page.evaluate("document.querySelectorAll('img, script:not([src])').length") == 0
 

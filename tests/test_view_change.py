@@ -16,7 +16,7 @@ from urllib.request import urlopen
 
 import pytest
 from bpmn_text import process
-from view_page import PHONE, READY, eventually, flaws, until
+from view_page import PHONE, READY, eventually, flaws, says, until
 
 from fame.bpmn import read_text
 from fame.bpmn.difference import difference
@@ -272,7 +272,7 @@ def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path:
         assert flaws(page, "change", (1440, "light"), (1024, "light"), (390, "dark")) == []
         page.get_by_role("button", name="Migrate …").tap()
         assert flaws(page, "migrate", (390, "dark")) == []
-        assert "n = 2" in page.locator("dialog.ask").inner_text()
+        says(page, "dialog.ask", "n = 2")
         page.get_by_role("button", name="Migrate", exact=True).tap()
         assert page.locator("dialog.ask").is_visible()  # nobody has said that it may run
         page.locator("dialog input[type=checkbox]").tap()

@@ -20,7 +20,7 @@ from urllib.request import Request, urlopen
 
 import pytest
 from recorded_runs import record
-from view_page import beyond, eventually, opened, shot, until
+from view_page import beyond, eventually, opened, says, shot, until
 
 from fame.cli import main, parser
 from fame.cli.view import _compared, _recorded_command, _source, viewed
@@ -420,8 +420,7 @@ def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Br
     with _source(own_code / "run.mcap", arguments) as replay, opened(chromium, replay, has_touch=True) as page:
         page.evaluate("fame.player.seek(0.5e9)")
         page.get_by_role("button", name="Branch here").tap()
-        said = page.locator("dialog[open]").inner_text()
-        assert f"{own_code / 'own.py'}\nas recorded" in said
+        says(page, "dialog[open]", f"{own_code / 'own.py'} as recorded")
         shot(page, "branch")
         page.get_by_role("button", name="Cancel").tap()
         assert not (own_code / "ran").exists()
@@ -437,8 +436,8 @@ def test_the_page_of_a_branch_shows_its_progress_its_error_and_no_controls(porte
     live = LiveRun(porter, RunControl(pause_at=2 * SECOND))
     with opened(chromium, live) as page:
         until(page, "document.querySelector('progress')?.max === 2e9")
-        assert page.get_by_text("Repeating the run: 0.0 of 2.0 s").is_visible()
-        assert page.get_by_role("button", name="Signal").count() == 0
+        page.get_by_text("Repeating the run: 0.0 of 2.0 s").wait_for()
+        page.get_by_role("button", name="Signal").wait_for(state="detached")
         live.end("failed", "the run again is not the recorded one: at 1 s")
         until(page, "document.querySelector('[role=alert].failure')?.textContent.includes('not the recorded one')")
         assert beyond(page) == []

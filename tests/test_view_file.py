@@ -14,7 +14,7 @@ import pytest
 from airport import airport
 from bpmn_text import process
 from recorded_runs import record
-from view_page import PHONE, flaws, opened, opened_file, until
+from view_page import PHONE, becomes, flaws, opened, opened_file, until
 
 from fame.cli import main
 from fame.scenario import Scenario
@@ -325,12 +325,11 @@ def test_a_text_is_searched_in_what_a_server_sends_and_of_one_robot(chromium: Br
         page.get_by_role("tab", name="Search").click()
         page.locator(".query").fill("ODOM")
         found = "[...document.querySelectorAll('.matches b')].map((one) => one.textContent)"
-        until(page, f"{found}.length > 1")
-        everywhere = page.evaluate(found)
+        everywhere = until(page, f"fame.inspector.search.part === 1 && {found}.length")
         page.get_by_label("Robot", exact=True).select_option("Drone")
-        until(page, f"{found}.length < {len(everywhere)}")
+        until(page, f"{found}.length < {everywhere}")
         page.locator(".matches .link").first.click()
-        assert page.evaluate("fame.selected.element") >= 0
+        until(page, "fame.selected.element >= 0")
         page.locator(".searching [title='Next match']").click()
         until(page, "fame.player.time > 0")
         page.locator(".searching [title='Previous match']").click()
@@ -341,7 +340,7 @@ def test_what_comes_while_a_run_is_followed_is_searched_too(chromium: Browser, s
     with Replay(small) as replay, opened(chromium, replay) as page:
         page.evaluate("fame.inspector.choose('search'), fame.inspector.search.find('hurray')")
         until(page, "fame.inspector.search.part === 1 && document.querySelector('.query')")
-        assert page.evaluate("fame.inspector.search.all.length") == 0
+        becomes(page, "fame.inspector.search.all.length", 0)
         page.evaluate(
             """() => {
               const { data } = fame.store.blocks[0];
@@ -357,8 +356,8 @@ def test_what_comes_while_a_run_is_followed_is_searched_too(chromium: Browser, s
 def test_without_a_world_there_is_no_map(chromium: Browser, small: Path) -> None:
     with opened_file(chromium, written(small), tab="map", **PHONE) as page:
         until(page, "fame.tabs.name === 'diagram'")
-        assert page.get_by_role("tab", name="Map").count() == 0
-        assert page.get_by_role("tab", name="Diagram").count() == 1
+        page.get_by_role("tab", name="Diagram").wait_for()
+        page.get_by_role("tab", name="Map").wait_for(state="hidden")
 
 
 def test_markup_in_a_recording_stays_text_in_its_file(chromium: Browser, small: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from bpmn_text import process
-from view_page import eventually, frames, opened, until, violations
+from view_page import eventually, frames, opened, says, until, violations
 
 import fame.view.watch
 from fame.errors import ConfigError
@@ -186,9 +186,8 @@ def test_the_page_marks_the_element_and_follows_the_file(chromium: Browser, watc
     with opened(chromium, watch) as page:
         until(page, "document.querySelector('.chip.completed') !== null")
         break_it(model)
-        until(page, "document.querySelector('.badge.error title') !== null")
-        assert "Nowhere" in page.evaluate("document.querySelector('.badge.error title').textContent")
-        assert "Nowhere" in page.locator("#inspector").inner_text()
+        until(page, "document.querySelector('.badge.error title').textContent.includes('Nowhere')")
+        says(page, "#inspector", "Nowhere")
         assert violations(page) == []
         model.write_bytes((MODELS / "ground_vehicles.bpmn").read_bytes())
         until(page, "document.querySelector('.badge.error') === null")

@@ -17,7 +17,7 @@ import yaml
 from monitor_runs import told
 from recorded_runs import record
 from test_view_server import ask
-from view_page import opened, until
+from view_page import frames, opened, until
 
 from fame.cli import main
 from fame.cli.monitor.labelling import label_on_page
@@ -268,7 +268,7 @@ def test_an_alarm_and_the_band_of_its_channel_are_on_the_page(
         left, top, wide, high = until(page, "fame.timeline.hits.findLast((hit) => hit.alarm)?.box")
         assert left > 0.7 * page.evaluate("fame.timeline.width")  # the fault came at 6.5 s of 8
         page.evaluate("(top) => { fame.timeline.scroller.scrollTop = top; }", top)
-        page.wait_for_timeout(200)
+        frames(page)
         box = page.locator("canvas.lanes").bounding_box()
         scroll = page.evaluate("fame.timeline.scroller.scrollTop")
         assert box is not None

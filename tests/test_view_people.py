@@ -11,7 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from test_view_control import running
-from view_page import OVERLAPPING, PHONE, READY, Finger, beyond, eventually, flaws, opened, until, violations
+from view_page import (
+    OVERLAPPING,
+    PHONE,
+    READY,
+    Finger,
+    becomes,
+    beyond,
+    eventually,
+    flaws,
+    frames,
+    opened,
+    says,
+    until,
+    violations,
+)
 
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
@@ -48,8 +62,8 @@ def row(name: str) -> str:
 
 
 def test_robots_that_need_somebody_come_first(page: Page) -> None:
-    states = page.evaluate(ROWS)
-    assert list(states) == ["Cleaner", "Dispatcher", "Lift", "Porter_1", "Porter_2", "Porter_3", "Porter_4"]
+    names = ["Cleaner", "Dispatcher", "Lift", "Porter_1", "Porter_2", "Porter_3", "Porter_4"]
+    states = until(page, ROWS, holds=lambda rows: list(rows) == names)
     assert list(states.values())[:3] == ["incident", "waiting", "running"]
     assert page.locator("#tabs .count:visible").inner_text() == "2"
     cells = page.locator(".robot", has_text="Cleaner").locator("[role=cell]").all_inner_texts()
@@ -64,15 +78,15 @@ def test_what_a_robot_does_is_said_in_the_words_of_the_diagram_with_the_way_to_g
     hospital.control({"do": "signal", "topic": "/lift_here", "robot": "Lift", "value": ""})  # too early
     hospital.control({"do": "complete", "robot": "Dispatcher", "element": "Plan_Round", "value": '{"ward": "ward_1"}'})
     until(page, f"{row('Porter_1')}.doing === 'Go to the ward' && /^[0-9.]+ m to go$/.test({row('Porter_1')}.progress)")
-    assert page.evaluate(f"{row('Porter_3')}.doing") == "Waits: lift is here"
-    assert page.locator(".robot", has_text="Porter_3").locator(".missed").inner_text().startswith("lift is here")
-    assert page.evaluate(f"{row('Lift')}.doing") == "Check the door of the lift"
+    becomes(page, f"{row('Porter_3')}.doing", "Waits: lift is here")
+    page.locator(".robot", has_text="Porter_3").locator(".missed", has_text="lift is here").wait_for(state="attached")
+    becomes(page, f"{row('Lift')}.doing", "Check the door of the lift")
     page.evaluate("fame.tabs.choose('diagram')")  # the timeline says the same
     until(page, "document.querySelectorAll('.lane:not(.property) small').length === 7")
     said = "(row) => fame.timeline.captions[row.r].textContent === row.doing"
     until(page, f"fame.team.rows.every({said}) && {row('Cleaner')}.doing === 'Rinse the brush'")
     page.evaluate("fame.tabs.choose('team')")
-    assert 0.4 < page.evaluate(f"{row('Porter_3')}.battery") < 0.47
+    until(page, f"0.4 < {row('Porter_3')}.battery && {row('Porter_3')}.battery < 0.47")
 
 
 def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended_with_two_touches(
@@ -84,7 +98,7 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
         until(page, "document.querySelector('#tabs [data-tab=needs]').offsetWidth > 0")
 
         page.get_by_role("tab", name="Needs you").tap()
-        assert "the tank has 0.0 l of water, the brush needs 2 l" in page.locator(".ask.incident").inner_text()
+        says(page, ".ask.incident", "the tank has 0.0 l of water, the brush needs 2 l")
         page.locator(".ask.incident").get_by_role("button", name="Retry", exact=True).tap()
         until(page, f"{row('Cleaner')}.state === 'running'")
         page.locator(".ask.user").get_by_role("button", name="Complete").tap()
@@ -139,16 +153,18 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
         page.get_by_role("tab", name="Team").tap()
         page.locator(".robot", has_text="Porter_3").get_by_role("button", name="Take over").tap()
         until(page, f"{row('Porter_3')}.state === 'suspended'")
-        assert page.evaluate(LOWEST) <= page.evaluate("document.querySelector('#steer').getBoundingClientRect().top")
+        until(page, f"{LOWEST} <= document.querySelector('#steer').getBoundingClientRect().top")
         page.locator("#steer").get_by_role("button", name="Resume").tap()
         until(page, f"{row('Porter_3')}.state !== 'suspended'")
         page.get_by_role("button", name="Light or dark").tap()
         page.get_by_role("button", name="Keyboard and legend").tap()
         page.locator("#help").get_by_role("button", name="Close").tap()
-        assert page.locator("#help").is_hidden()
+        page.locator("#help").wait_for(state="hidden")
         page.get_by_role("tab", name="Log").first.tap()
         page.get_by_role("button", name="Fault").tap()
-        assert [beyond(page), page.evaluate(SMALL)] == [[], []]
+        page.locator("dialog[open]").wait_for()
+        assert beyond(page) == []
+        becomes(page, SMALL, [])
         page.locator("dialog").get_by_role("button", name="Cancel").tap()
         page.get_by_role("button", name="Fault").tap()
         page.get_by_label("Robot and part").select_option(label="Porter_4: engine")
@@ -242,7 +258,7 @@ def test_one_button_pauses_the_run_and_one_choice_sets_its_speed(page: Page, hos
     eventually(lambda: hospital.control_of_run.speed == 2.0)
     page.get_by_role("button", name="Previous event").tap()
     page.get_by_role("button", name="Play").wait_for()
-    assert page.evaluate("document.querySelector('.speed select').title") == "Speed of the replay"
+    becomes(page, "document.querySelector('.speed select').title", "Speed of the replay")
 
 
 def test_each_part_is_accessible_within_the_window_and_large_where_one_touches(
@@ -253,11 +269,12 @@ def test_each_part_is_accessible_within_the_window_and_large_where_one_touches(
             page.set_viewport_size({"width": width, "height": 844})
             for part in parts(page, TABS if width <= 1100 else ("team", "diagram")):
                 if width == 360:  # in other ways it is as with 390 px
-                    page.wait_for_timeout(100)
+                    frames(page)
                     assert beyond(page) == [], part
                 else:
                     assert flaws(page, part, (width, theme)) == [], part
-                assert width > 1100 or page.evaluate(SMALL) == [], part
+                if width <= 1100:
+                    becomes(page, SMALL, [])
 
 
 TABS = ("team", "needs", "map", "diagram", "log")
@@ -297,7 +314,7 @@ def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it
     page.set_viewport_size({"width": 1440, "height": 900})
     for tab in ("team", "diagram"):
         page.evaluate(f"fame.tabs.choose('{tab}')")
-        page.wait_for_timeout(100)
+        frames(page)
         page.evaluate("fame.diagram.fit()")
         until(page, f"{SIZES}.every(([, size]) => size >= 9)")
         assert page.evaluate(f"({OVERLAPPING})(fame.world.written)") == []
@@ -312,12 +329,11 @@ def test_what_is_written_of_seven_robots_is_legible_and_nothing_is_written_on_it
 
 def test_a_chosen_robot_fills_the_diagram_and_the_details_follow_the_zoom(page: Page) -> None:
     page.evaluate("fame.tabs.choose('diagram')")
-    page.wait_for_timeout(300)
+    frames(page)
     page.evaluate("fame.diagram.fit()")
-    page.wait_for_timeout(100)
-    whole = page.evaluate("fame.diagram.view.scale")
     badges = "document.querySelectorAll('.under .badge').length"
-    assert page.evaluate(badges) == 0
+    becomes(page, badges, 0)
+    whole = page.evaluate("fame.diagram.view.scale")
     page.locator(".lane", has_text="Lift").click()
     until(page, f"fame.diagram.view.scale > {1.5 * whole} && {badges}")
     paper, pool = page.locator(".paper").bounding_box(), page.locator(".pin.on").bounding_box()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from recorded_runs import record
-from view_page import beyond, opened, until
+from view_page import becomes, beyond, opened, says, until
 
 from fame.log import Recording
 from fame.log.channels import PROPERTIES
@@ -69,8 +69,7 @@ def test_a_click_shows_what_broke_a_property(chromium: Browser, recording: Path,
             press(page.get_by_role("tab", name="Log"))
         press(page.locator(".lane.property", has_text="soon"))
         card = page.locator(".verdict")
-        until(page, "!document.querySelector('.verdict').hidden")
-        assert 'some Tractor starts "Go To" within 300 ms' in card.inner_text()
+        says(page, ".verdict:not([hidden])", 'some Tractor starts "Go To" within 300 ms')
         if narrow:
             press(page.get_by_role("tab", name="Diagram"))
         until(page, "document.querySelectorAll('.is-named').length > 0")
@@ -78,7 +77,7 @@ def test_a_click_shows_what_broke_a_property(chromium: Browser, recording: Path,
             press(page.get_by_role("tab", name="Log"))
         press(card.locator("div button").first)
         until(page, f"fame.state?.time === {span['from']}")
-        assert page.evaluate("fame.mission.elements[fame.selected.element].name") == "weed_found"
+        becomes(page, "fame.mission.elements[fame.selected.element].name", "weed_found")
         press(card.locator("div button").last)
         until(page, f"fame.state?.time === {span['until']}")
         assert beyond(page) == []

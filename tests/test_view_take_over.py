@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from test_view_control import running
-from view_page import PHONE, Finger, eventually, opened, shot, until
+from view_page import PHONE, Finger, becomes, eventually, opened, says, shot, until
 
 from fame.scenario import Scenario
 from fame.view import LiveRun, RunControl
@@ -68,8 +68,8 @@ def test_keys_steer_a_robot_that_was_taken_over_and_resume_gives_it_back(page: P
     assert cars._run.nodes[0].suspension.holder == "a person"
     page.locator("#steer").get_by_role("button", name="Resume").click()
     until(page, "fame.team.rows.find((row) => row.name === 'REX').state === 'running'")
-    assert page.locator("#steer").is_hidden()
-    assert {"taken over by a person", "continued by a person"} <= set(told(cars))
+    page.locator("#steer").wait_for(state="hidden")
+    eventually(lambda: {"taken over by a person", "continued by a person"} <= set(told(cars)))
 
 
 def test_a_pad_steers_by_touch_on_a_phone(chromium: Browser, cars: LiveRun) -> None:
@@ -106,12 +106,12 @@ def test_who_loses_the_robot_to_another_is_told(page: Page, cars: LiveRun) -> No
     take_over(page)
     cars.control({"do": "suspend", "robot": "REX", "who": "bob"})
     until(page, "document.getElementById('steer').hidden")
-    assert "REX has stopped, its mission is suspended" in page.locator("#toast").inner_text()
+    says(page, "#toast", "REX has stopped, its mission is suspended")
 
 
 def test_the_drawn_activity_is_failed_from_the_panel(page: Page, cars: LiveRun) -> None:
     take_over(page)
-    assert page.locator("#steer option").all_inner_texts() == ["Explore"]
+    becomes(page, "[...document.querySelectorAll('#steer option')].map((one) => one.textContent)", ["Explore"])
     page.locator("#steer").get_by_role("button", name="Fail").click()
     eventually(lambda: "failed by a person" in told(cars))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from view_page import opened, until
+from view_page import becomes, opened, says
 
 from fame.cli import main
 from fame.view import Replay
@@ -49,15 +49,17 @@ def test_the_inspector_follows_a_wait_from_robot_to_robot(chromium: Browser, tmp
     assert main(["run", str(model), "--log", str(log)]) == 1
     with Replay(log) as replay, opened(chromium, replay) as page:
         page.evaluate("fame.player.seek(fame.store.end - 1e9); fame.select({robot: 0})")
-        until(page, "!!document.querySelector('.chain')")
-        told = page.locator(".chain").first.inner_text().replace("\n", " ")
-        assert "Dispatcher waits at bid comes" in told
-        assert "Door waits at open comes" in told
-        assert "Carrier, Dispatcher and Door wait for each other" in told
         exits = "what can end that: Carrier, l_Carrier, a timer event; Dispatcher, l_Dispatcher, a timer event"
-        assert (exits if timer else "nothing that is drawn and no other publisher can end that") in told
+        says(
+            page,
+            ".chain",
+            "Dispatcher waits at bid comes",
+            "Door waits at open comes",
+            "Carrier, Dispatcher and Door wait for each other",
+            exits if timer else "nothing that is drawn and no other publisher can end that",
+        )
         page.locator(".chain button.who").first.click()
-        assert page.evaluate("fame.mission.robots[fame.selected.robot].name") == "Dispatcher"
+        becomes(page, "fame.mission.robots[fame.selected.robot].name", "Dispatcher")
 
 
 def test_a_service_that_does_not_answer_is_the_end_of_a_chain(chromium: Browser, tmp_path: Path) -> None:

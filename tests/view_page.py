@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -65,18 +66,30 @@ def _at(
     assert not wrong, wrong
 
 
-def until(page: Page | Frame, condition: str, seconds: float = 60.0) -> Any:
-    """Wait until an expression is true on the page, and return its value. One that fails is not true yet.
+def until(page: Page | Frame, condition: str, seconds: float = 60.0, *, holds: Callable[[Any], object] = bool) -> Any:
+    """Wait until an expression is true on the page, or `holds` of its value, and return that. One that fails is not
+    true yet.
 
     The time is ample: a busy machine is no reason to fail. While a block of the run is being loaded there is no state.
     """
-    end, wrong = time.monotonic() + seconds, ""
+    end, value, wrong = time.monotonic() + seconds, None, ""
     while time.monotonic() < end:
         value, wrong = page.evaluate(_ATTEMPT, condition)
-        if value:
+        if not wrong and holds(value):
             return value
         page.wait_for_timeout(20)
-    raise AssertionError(f"not within {seconds:g} s: {condition} {wrong}")
+    raise AssertionError(f"not within {seconds:g} s: {condition}: {wrong or value}")
+
+
+def becomes(page: Page, expression: str, expected: object) -> None:
+    """Wait until an expression has a value on the page: what is drawn comes a frame or more after its cause."""
+    until(page, expression, holds=lambda value: value == expected)
+
+
+def says(page: Page, css: str, *texts: str) -> None:
+    """Wait until the first element of a selector says texts."""
+    shown = f"document.querySelector({json.dumps(css)}).innerText.replace(/\\s+/g, ' ')"
+    until(page, shown, holds=lambda value: all(text in value for text in texts))
 
 
 def frames(page: Page) -> None:
@@ -97,21 +110,25 @@ _BEYOND = """[...document.querySelectorAll('html, body, body :not(svg *)')].filt
 
 def beyond(page: Page) -> list[str]:
     """What can be seen of the page only by moving it to the side, once it was laid out; diagrams are moved."""
-    found: list[str] = page.evaluate(_BEYOND)
-    for _ in range(100):
-        if not found:
-            break
-        page.wait_for_timeout(100)
-        found = page.evaluate(_BEYOND)
-    return found
+    return _settled(page, lambda: page.evaluate(_BEYOND))
 
 
 def violations(page: Page) -> list[str]:
-    """What axe-core has against the page as it is now: rules of WCAG 2.2 and of good practice."""
+    """What axe-core has against the page, once it was drawn: rules of WCAG 2.2 and of good practice."""
     from axe_playwright_python.sync_playwright import Axe
 
-    found = Axe().run(page, options={"resultTypes": ["violations"]}).response["violations"]  # others are long
-    return [f"{rule['id']}: {node['html']}" for rule in found for node in rule["nodes"]]
+    def look() -> list[str]:
+        found = Axe().run(page, options={"resultTypes": ["violations"]}).response["violations"]  # others are long
+        return [f"{rule['id']}: {node['html']}" for rule in found for node in rule["nodes"]]
+
+    return _settled(page, look, 5)
+
+
+def _settled(page: Page, look: Callable[[], list[str]], looks: int = 100) -> list[str]:
+    """What is found even when the page has had time to draw."""
+    while (found := look()) and (looks := looks - 1):
+        page.wait_for_timeout(100)
+    return found
 
 
 def flaws(page: Page, name: str, *looks: tuple[int, str]) -> list[str]:
@@ -120,7 +137,7 @@ def flaws(page: Page, name: str, *looks: tuple[int, str]) -> list[str]:
     for width, theme in looks:
         page.set_viewport_size({"width": width, "height": 844})
         page.evaluate(f"fame.setTheme('{theme}')")
-        page.wait_for_timeout(100)
+        frames(page)
         shot(page, f"{name}_{width}")
         found += [f"{width} {theme}: {one}" for one in (*beyond(page), *violations(page))]
     return found
