@@ -417,7 +417,19 @@ def test_a_token_inside_of_what_is_called_is_shown_at_the_one_call(model: Path) 
     (model.parent / "Wait.bpmn").write_text(process(FLOWS + TASK).replace('id="P"', 'id="Wait"').replace('"t"', '"c"'))
     calls = [f'<callActivity id="t{one}" calledElement="Wait"/>' for one in (1, 2)]
     teams = [read_text(process(body), file=str(model)) for body in (calls[0], "".join(calls))]
-    assert [places(team, Library()).get("c") for team in teams] == ["t1", None]
+    called = (str(model.parent / "Wait.bpmn"), "c")
+    assert [places(team, Library())[called] for team in teams] == ["t1", ""]
+
+
+def test_what_is_found_in_a_called_process_is_at_its_call_though_an_id_is_drawn_here(model: Path) -> None:
+    """The correction was for the other element."""
+    raising = TASK.replace("a = 1", "raise BpmnError('lost')")
+    (model.parent / "Wait.bpmn").write_text(process(FLOWS + raising).replace('id="P"', 'id="Wait"'))
+    drawn = (
+        '<callActivity id="c" calledElement="Wait"/><task id="t"/><sequenceFlow id="x" sourceRef="c" targetRef="t"/>'
+    )
+    found = explored(process(drawn).encode(), job(model))["findings"]
+    assert [(one["element"], one["fix"]["element"]) for one in found if one["fix"]] == [("c", "c")]
 
 
 def test_no_script_has_an_effect_while_it_is_explored(model: Path, tmp_path: Path) -> None:
@@ -462,6 +474,22 @@ def test_the_next_change_ends_an_exploration(model: Path) -> None:
             explorer.stop("w")
         late.join()
     assert results[-1] == {}
+
+
+@pytest.mark.long
+def test_a_window_whose_exploration_gives_way_to_others_is_told_so(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fame.edit.exploring.MOST", 1)
+    with Explorer(model, model) as explorer:
+        results = list[Any]()
+        first = threading.Thread(target=lambda: results.append(explorer.explore("first", OLD.encode())))
+        first.start()
+        while not explorer._running:
+            pass
+        assert explorer.explore("second", OLD.encode())["status"] == "completed"
+        first.join()
+    assert results[0]["text"].startswith("not explored: it ended without a result")
 
 
 # ---- in the browser --------------------------------------------------------------------------------------------------

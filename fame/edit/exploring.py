@@ -66,12 +66,13 @@ class Explorer(Closing):
     def explore(self, window: str, content: bytes) -> Mapping[str, Any]:
         """Explore a model, instead of what was explored for the window before, and return what was found.
 
-        That is empty if it was ended.
+        That is empty if the window has stopped it.
         """
         with self._lock:
             self._end(window)
-            while len(self._running) >= MOST:
-                self._end(next(iter(self._running)))
+            alive = [one for one in self._running.values() if one.poll() is None]
+            for oldest in alive[: max(0, len(alive) - MOST + 1)]:
+                oldest.kill()  # its window is told so
             command = [sys.executable, "-m", "fame.edit.exploring"]
             process = self._running[window] = Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
         with process:
@@ -81,7 +82,7 @@ class Explorer(Closing):
             if not stopped:
                 del self._running[window]
         if process.returncode:
-            return {} if stopped else _unknown("it ended without a result")
+            return {} if stopped else _unknown(f"it ended without a result; {MOST} windows at most explore at a time")
         found: Mapping[str, Any] = json.loads(answer)
         return found
 
@@ -114,47 +115,54 @@ def explored(content: bytes, job: Mapping[str, Any]) -> Mapping[str, Any]:
         folders = team.library
     # samples would run the scenario itself, with all that its scripts do
     result = explore(team, library=library, limit=STATES, seconds=SECONDS, samples=False)
-    text = result.partly() if result.status == "partial" else result.summary().partition(": ")[2]
+    text = result.partly() if result.status == "partial" else result.summary().removeprefix(f"{result.file}: ")
     findings = [asdict(one) for one in found] + list(_findings(result, model, folders))
     return {"status": result.status, "text": text, "findings": findings}
 
 
 def _findings(result: Exploration, model: Definitions, library: Library) -> Iterator[Mapping[str, Any]]:
     """The errors and warnings of an exploration, each with the steps that lead to it."""
+    from fame.check.explore.trace import Place
+
     drawn = places(model, library)
+    by_id = dict[str, set[str]]()  # steps do not say of which file their elements are
+    for (_, id), place in drawn.items():
+        by_id.setdefault(id, set()).add(place)
+    only = {id: min(found) for id, found in by_id.items() if len(found) == 1}
     shown = [one for one in result.findings if one.level != "note" and one.kind != "fault"]
     nodes = {one.id: one for process in model.processes for one in process.body.walk()}
     around = {inner.id: node.id for node in nodes.values() if node.body is not None for inner in node.body.nodes}
-    known = [(one.level, one.text, one.places[0].element if one.places else "", one.run, one.codes) for one in shown]
+    first = [next(iter(one.places), Place("")) for one in shown]
+    told = [drawn.get((one.file, one.element), "") for one in first]
+    known = [(one.level, one.text, place, one.run, one.codes) for one, place in zip(shown, told, strict=True)]
     known += [("error", str(one), "", one.run, ()) for one in result.properties if one.verdict == "refuted"]
-    for number, (level, text, element, run, codes) in enumerate(known):
+    for number, (level, text, place, run, codes) in enumerate(known):
         steps = [
             {
                 "text": step.text,
-                "element": drawn.get(step.element, ""),
-                "waits": [(robot, drawn[id]) for robot, id in step.waits if drawn.get(id)],
+                "element": only.get(step.element, ""),
+                "waits": [(robot, only[id]) for robot, id in step.waits if only.get(id)],
             }
             for step in (run if number < _RUNS else ())
         ]
-        place = drawn.get(element, "")
         host = place if isinstance(nodes.get(place), Task | CallActivity | SubProcess) else around.get(place, "")
         fix = Fix(f"catch {codes[0]}", host, "catcher", codes[0]) if codes and host else None
-        told = Finding(cast("Level", level), text, element=place, fix=fix)
-        yield {**asdict(told), "steps": steps}
+        yield {**asdict(Finding(cast("Level", level), text, element=place, fix=fix)), "steps": steps}
 
 
-def places(model: Definitions, library: Library) -> dict[str, str]:
-    """Return where each element is drawn in a model: itself, or the one call that leads to it."""
-    drawn = {one.id: one.id for one in model.elements()}
-    through = dict[str, set[str]]()
+def places(model: Definitions, library: Library) -> dict[tuple[str, str], str]:
+    """Return where each element (file, id) is drawn in a model: itself, or the one call that leads to it; empty if
+    there are several."""
+    drawn = {(model.file, one.id): one.id for one in model.elements()}
+    through = dict[tuple[str, str], set[str]]()
     for process in model.processes:
         for call in process.body.calls():
             with suppress(FameError):  # which an error of the exploration has told
                 home, called = library.find(model, call)
-                for _, inner in library.closure(home, called):
+                for file, inner in library.closure(home, called):
                     for node in inner.body.walk():
-                        through.setdefault(node.id, set()).add(call.id)
-    return {id: min(calls) for id, calls in through.items() if len(calls) == 1} | drawn
+                        through.setdefault((file.file, node.id), set()).add(call.id)
+    return {key: min(calls) if len(calls) == 1 else "" for key, calls in through.items()} | drawn
 
 
 def main() -> None:
