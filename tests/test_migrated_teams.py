@@ -228,6 +228,22 @@ def test_a_plan_that_names_what_is_not_there_is_refused_with_its_line(
     assert [field.engines[robot].deployed for robot in "AB"] == ["d1", "d1"]
 
 
+def test_a_plan_that_renames_a_variable_that_no_robot_has_gets_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    field = Field("A", "B")
+    field.deploy(team("ua").replace("<script>n = 1", "<script>speed = 1", 1))
+    Path("p.yaml").write_text("variables:\n  n: {rename: m}\n  sped: {rename: v}\n")
+    for number, options in enumerate((["--dry-run"], [])):
+        given = asked(tmp_path, team("ua"), *options, "--plan", "p.yaml")
+        sent = field.deploy(team("ua"), f"d{number + 2}", number + 2, options=given.options)
+        assert (given.show(sent) if options else given.exit_code(sent)) == 0
+        said = capsys.readouterr().err
+        assert "warning: p.yaml:3: variables.sped: no robot has this variable; did you mean 'speed'?" in said
+        assert "variables.n" not in said
+
+
 def test_a_plan_may_name_elements_of_any_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     field = Field("A", "B")

@@ -231,6 +231,13 @@ def test_variables_are_renamed_and_have_defaults_and_functions_stay() -> None:
     assert new.instance.variables["y"] == 14
 
 
+def test_a_renamed_variable_replaces_one_that_has_its_new_name() -> None:
+    for names in ("x = 1\nv = 2", "v = 2\nx = 1"):
+        old = Run(start() + script("k", names) + user("a") + path("s k a")).run()
+        new = Migrated(old, start() + user("a") + path("s a"), {"variables": {"x": {"rename": "v"}}})
+        assert new.instance.variables == {"v": 1}
+
+
 COMPENSATED = "<compensateEventDefinition/>"
 
 

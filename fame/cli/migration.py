@@ -102,11 +102,13 @@ class Migration:
         return self._overridable(reason, "--force overrides" if self._found else "--allow-partial or --force overrides")
 
     def _expect_met(self, foreseen: Mapping[str, Foreseen]) -> None:
-        """Raise ConfigError if the plan names what is not there."""
-        from fame.deploy.migration import expect_met
+        """Raise ConfigError if the plan names elements that are not there; warn of variables."""
+        from fame.deploy.migration import expect_met, unset_variables
 
         if self._plan is not None:
             expect_met(self._plan, foreseen)
+            for text in unset_variables(self._plan, foreseen):
+                note(f"warning: {text}")
 
     def _overridable(self, reason: str, options: str) -> str:
         """Return why the migration is refused, with the options that override it; empty if --force does."""

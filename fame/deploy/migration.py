@@ -30,6 +30,8 @@ _LARGEST = 500_000
 """The longest state that is part of a report (characters of JSON)."""
 _ABOVE = 2
 """Levels of a report above the state in it."""
+_MISSING = ("unknown", "without_target", "unset")
+"""What a plan names and is not there: fields of `Foreseen`."""
 _WORDS = ("keep", "restart", "abandon")
 
 
@@ -93,7 +95,7 @@ class Foreseen:
     state   the state in the new program, as `fame.robot.state_transfer.what_becomes` gives it; empty if one is blocked
             or if it is too large to be sent
     unknown what the plan names and the old model does not have; `without_target`: elements whose new id the new model
-            does not have. With a hint each.
+            does not have; `unset`: variables that the plan renames and the robot does not have. With a hint each.
     """
 
     hash: str = ""
@@ -102,6 +104,7 @@ class Foreseen:
     state: Mapping[str, Any] = field(default_factory=dict)
     unknown: Mapping[str, str] = field(default_factory=dict)
     without_target: Mapping[str, str] = field(default_factory=dict)
+    unset: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def blocked(self) -> str:
@@ -113,7 +116,7 @@ class Foreseen:
         tokens, gone = (
             [{**asdict(token), "others": list(token.others)} for token in found] for found in (self.tokens, self.gone)
         )
-        missing = {"unknown": dict(self.unknown), "without_target": dict(self.without_target)}
+        missing = {name: dict(getattr(self, name)) for name in _MISSING}
         more = {name: texts for name, texts in missing.items() if texts}  # FAME 0.2 does not take them
         return {"hash": self.hash, "tokens": tokens, "gone": gone, "state": self.state, **more}
 
@@ -129,14 +132,14 @@ class Foreseen:
             return MigratedToken(**{**known, "others": tuple(known.get("others", ()))})
 
         tokens, gone = ([token(each) for each in data.get(name, ())] for name in ("tokens", "gone"))
-        missing = (x if isinstance(x := data.get(name), Mapping) else {} for name in ("unknown", "without_target"))
+        missing = (x if isinstance(x := data.get(name), Mapping) else {} for name in _MISSING)
         return cls(str(data.get("hash", "")), tokens, gone, data.get("state", {}), *missing)
 
 
 def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) -> Foreseen:
     """Return what would become of what runs (`old`, of the model with this hash) in a loaded process."""
     from fame.engine.migration import kinds
-    from fame.robot.state_transfer import gone_elements, what_becomes
+    from fame.robot.state_transfer import gone_elements, variables_of, what_becomes
 
     parsed = plan_of(plan)
     tokens, state = what_becomes(new, old, parsed)
@@ -147,7 +150,9 @@ def foresee(new: RobotNode, old: RobotNode, plan: Mapping[str, Any], hash: str) 
     before, now = kinds(old.engine.program), kinds(new.engine.program)
     unknown = {id: suggestion(id, before) for id in (*parsed.to, *parsed.restart, *parsed.abandon) if id not in before}
     missing = {id: suggestion(to, now) for id, to in parsed.to.items() if id in before and to not in now}
-    return Foreseen(hash, tokens, gone, (state or {}) if sent else {}, unknown, missing)
+    names = variables_of(old) if parsed.rename and tokens else {*parsed.rename}
+    unset = {name: suggestion(name, sorted(names)) for name in parsed.rename if name not in names}
+    return Foreseen(hash, tokens, gone, (state or {}) if sent else {}, unknown, missing, unset)
 
 
 def expect_met(path: Path, foreseen: Mapping[str, Foreseen]) -> None:
@@ -162,6 +167,19 @@ def expect_met(path: Path, foreseen: Mapping[str, Foreseen]) -> None:
             raise value.error(f"no robot runs a model with this element; {hint}")
         for hint in (one.without_target[id] for one in running if id in one.without_target):
             raise value.required("to", "ID").error(f"the new model has no element {value.data['to']}; {hint}")
+
+
+def unset_variables(path: Path, foreseen: Mapping[str, Foreseen]) -> list[str]:
+    """Return a warning, with file and line, for each variable that a plan renames and no robot has."""
+    from fame.config.loader import read_document
+
+    running = [one for one in foreseen.values() if one.tokens]
+    variables = read_document(path).mapping().get("variables")
+    return [
+        str(value.error(f"no robot has this variable; {min(one.unset[name] for one in running)}"))
+        for name, value in (variables.mapping() if variables is not None and running else {}).items()
+        if all(name in one.unset for one in running)
+    ]
 
 
 def migrate_robot(

@@ -514,7 +514,8 @@ class _Migration:
         return gathered
 
     def _variables(self, own: Data, outer: int | None) -> Data:
-        renamed = {self._plan.rename.get(name, name): value for name, value in own.items()}
+        names = sorted(own, key=self._plan.rename.__contains__)  # what is renamed replaces what has its new name
+        renamed = {self._plan.rename.get(name, name): own[name] for name in names}
         return renamed if outer is not None else {**self._plan.default, **renamed}
 
 

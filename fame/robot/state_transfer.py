@@ -68,6 +68,12 @@ def gone_elements(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[M
     return gone(old.engine.program, new.engine.program, plan)
 
 
+def variables_of(old: RobotNode) -> set[str]:
+    """Return the names of all variables of a process that a migration transfers."""
+    data = snapshot(old.engine, dump=lambda value: None, dicts=_AllVariables())
+    return {name for item in data["variables"] for name in item["own"]}
+
+
 def what_becomes(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> tuple[list[MigratedToken], Data | None]:
     """Return the fate of each token of the old process, and the resulting state in the new one.
 
