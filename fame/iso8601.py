@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from calendar import monthrange
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta, tzinfo
 from functools import lru_cache
 from itertools import count
@@ -187,6 +187,14 @@ def parse_cycle(text: str) -> Cycle:
     if duration == Duration():
         raise ValueError(f"{text!r} repeats without letting time pass: its duration has to be longer than zero")
     return Cycle(duration, repetitions, start, end)
+
+
+TIMES: Mapping[str, Callable[[str], object]] = {
+    "duration": parse_duration,
+    "date": parse_datetime,
+    "cycle": parse_cycle,
+}
+"""What reads the text of a timer, by its kind."""
 
 
 def add(moment: datetime, duration: Duration) -> datetime:

@@ -448,3 +448,99 @@ def test_what_a_script_may_raise_uncaught_proves_nothing_that_it_could_change(
     sensed = goes(CALLS if call else script(text), first=READING.replace("Odom", "Ask"), beside=beside if call else "")
     found = judged(f'<signal id="X" name="x"/>{sensed}', sentence)
     assert found.verdict == ("not known" if may_fail and "at most" not in sentence else "proved"), found
+
+
+# ---- events, and gateways --------------------------------------------------------------------------------------------
+
+
+def around(*inside: str) -> str:
+    """A sub-process ``Go`` with a start ``B0`` and elements ``B1``, ``B2`` ... in a row."""
+    flows = "".join(flow(f"B{place}", f"B{place + 1}") for place in range(len(inside)))
+    return f'<subProcess id="Go" name="Go there"><startEvent id="B0"/>{"".join(inside)}{flows}</subProcess>'
+
+
+def throws(payload: str) -> str:
+    """A throwing event ``B1`` whose payload is a number."""
+    shown = properties(type="std_msgs/msg/Int32", payload=payload) + '<signalEventDefinition id="Td" signalRef="S"/>'
+    return f'<intermediateThrowEvent id="B1">{shown}</intermediateThrowEvent>'
+
+
+def waits(duration: str) -> str:
+    """A timer event ``B1``."""
+    timer = f'<timerEventDefinition id="Td"><timeDuration>{duration}</timeDuration></timerEventDefinition>'
+    return f'<intermediateCatchEvent id="B1">{timer}</intermediateCatchEvent>'
+
+
+SETS = '<scriptTask id="Ask" scriptFormat="python"><script>why = x = {}</script></scriptTask>'
+
+
+@pytest.mark.parametrize("guard", ["", "around it", "of another code"])
+@pytest.mark.parametrize(
+    ("event", "first", "fails"),
+    [
+        (waits("PT${why}S"), SETS.format("2"), "no"),
+        (waits("PT${why}S"), SETS.format("'soon'"), "surely"),
+        (waits("PT${why}S"), ASK, "perhaps"),
+        (throws("${why}"), SETS.format("2"), "no"),
+        (throws("${why}"), SETS.format("2.5"), "surely"),
+        (throws("{data: ${why}}"), SETS.format("'two'"), "surely"),
+        (throws("=why"), SETS.format("[2]"), "surely"),
+    ],
+)
+def test_an_event_that_cannot_be_evaluated_fails(event: str, first: str, fails: str, guard: str) -> None:
+    error = {"": "", "around it": boundary(), "of another code": boundary("Lost")}[guard]
+    model = goes(around(event), error, first=first)
+    caught = judged(model, "never P starts Gave").verdict if guard == "around it" else ""
+    assert caught == {"": "", "around it": "proved" if fails == "no" else "refuted"}.get(guard, caught)
+    uncaught = judged(model, "never P fails").verdict
+    if guard == "around it" or (fails == "no" and "timer" in event):
+        assert uncaught == "proved"
+    else:  # what a payload holds that decides nothing is forgotten
+        assert uncaught == ("refuted" if fails == "surely" and "timer" in event else "not known")
+
+
+COVER = ("x > 0", "x &lt;= 0"), ("x == True", "x == False"), ("=x = 1", "=x != 1"), ("${x > 0}", "${x &lt;= 0}")
+
+
+@pytest.mark.parametrize("conditions", COVER)
+@pytest.mark.parametrize("guard", [True, False])
+def test_conditions_that_cover_all_numbers_leave_out_other_values(conditions: tuple[str, str], guard: bool) -> None:
+    """Where nothing catches that none is true, one is taken to be true."""
+    flows = "".join(
+        f'<sequenceFlow id="F{place}" sourceRef="B2" targetRef="E{place}"><conditionExpression>{text}'
+        f'</conditionExpression></sequenceFlow><endEvent id="E{place}"/>'
+        for place, text in enumerate(conditions)
+    )
+    asks = '<userTask id="B1"/>'
+    inside = around(asks, f'<exclusiveGateway id="B2"/>{flows}')
+    model = goes(inside, boundary() if guard else "", first=SETS.format("1"))
+    found = judged(model, "never P starts Gave" if guard else "never P fails")
+    assert found.verdict == ("refuted" if guard else "proved"), found
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict"),
+    [
+        ("signal('done')\nawait sleep(1)\nsignal('done')", "not known"),
+        ("await sleep(1)\nfor i in range(3):\n    signal('done')", "not known"),
+        ("signal('done')\nawait sleep(1)", "not known"),
+        ("await sleep(1)\nrobot.publish('led', 'std_msgs/msg/Bool')\nsignal('done')", "proved"),
+        ("while x:\n    robot.publish('led', 'std_msgs/msg/Bool')\n    await sleep(1)\nsignal('done')", "proved"),
+    ],
+)
+def test_what_a_script_publishes_before_it_ends_is_no_proof(text: str, verdict: str) -> None:
+    found = judged(goes(script(text)), "never Q fails", team=True)
+    assert found.verdict == verdict, found
+
+
+def test_a_script_that_waits_publishes_all_that_it_says() -> None:
+    """In the order of its text."""
+    twice = OTHERS.replace(flow("Q2", "Q3"), flow("Q2", "Q4") + flow("Q4", "Q3")).replace(
+        '<endEvent id="Q3"/>',
+        '<intermediateCatchEvent id="Q4"><signalEventDefinition id="Qe" signalRef="S"/></intermediateCatchEvent>'
+        '<endEvent id="Q3"/>',
+    )
+    sends = goes(script("await sleep(1)\nsignal('done')\nsignal('done')")).replace('signalRef="S"', 'signalRef="Z"')
+    pools = f'<signal id="Z" name="z"/><collaboration id="Team">{POOLS}</collaboration>'
+    result = explore(read_text(document(f"{ROOT}{pools}{sends}{twice}"), file="m.bpmn"))
+    assert not [str(one) for one in result.findings if one.level == "error"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 
 from fame.bpmn.model import (
     Body,
@@ -22,17 +22,11 @@ from fame.bpmn.model import (
     TimerDefinition,
 )
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Fix
-from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
+from fame.iso8601 import TIMES
 from fame.middleware.messages import is_action
 from fame.robot.service_tasks import failure_codes, renamed_codes
 from fame.robot.suspension import TAKEN_OVER
 from fame.scripting import script_effects
-
-_PARSERS: Mapping[str, Callable[[str], object]] = {
-    "duration": parse_duration,
-    "date": parse_datetime,
-    "cycle": parse_cycle,
-}
 
 
 def check_timers(scope: CheckScope) -> Iterator[Finding]:
@@ -61,7 +55,7 @@ def _timer(process: CheckedProcess, event: FlowNode, timer: TimerDefinition, han
         and "#{" not in expression.text
     ):
         try:
-            _PARSERS[timer.kind](expression.text)
+            TIMES[timer.kind](expression.text)
         except ValueError as error:
             yield process.finding("error", f"timer {timer.kind}: {error}", event, expression.line)
         if months := _MONTHS.search(expression.text.strip()):

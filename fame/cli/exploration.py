@@ -214,6 +214,9 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
     if result.shortened:
         names = ", ".join(f"{element} of {robot}" for robot, element in result.shortened)
         yield f"  taken to be short, though their lengths are not known: lists at {names}"
+    if result.midway:
+        names = ", ".join(f"{element} of {robot}" for robot, element in result.midway)
+        yield f"  taken to publish when they end, though they do so before: scripts at {names}"
     if result.widened:
         names = ", ".join(f"{name} of {robot}" for robot, name in result.widened)
         yield f"  with too many values to tell apart, so unknown after a while: {names}"
@@ -268,6 +271,7 @@ def as_json(result: Exploration) -> dict[str, Any]:
         "seconds": round(result.seconds, 3),
         "outside": list(result.outside),
         "shortened": [list(one) for one in result.shortened],
+        "midway": [list(one) for one in result.midway],
         "widened": [list(one) for one in result.widened],
         "searches": [
             {name: value for name, value in asdict(search).items() if name != "judged"} for search in result.searches

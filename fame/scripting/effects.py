@@ -168,8 +168,14 @@ class Effects:
         return NONE
 
     @property
-    def certain(self) -> frozenset[str]:
-        """Those that it publishes on each time that it ends without an error."""
+    def publications(self) -> tuple[tuple[str, bool], ...]:
+        """(topic, whether it does so each time that it ends without an error) of what it publishes, in the order of the
+        text, each call once, one in a loop twice."""
+        return tuple((topic, False) for topic in self.publishes)
+
+    @property
+    def midway(self) -> frozenset[str]:
+        """The topics on which it publishes before it waits, or any number of times (qualified names)."""
         return NONE
 
     @property

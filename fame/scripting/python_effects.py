@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import symtable
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from functools import cached_property, lru_cache
 from typing import Any, Literal, cast
 
@@ -162,14 +162,29 @@ class PythonEffects(Effects):
         return frozenset(topic.qualified for call in calls for topic in _topics(call))
 
     @cached_property
-    def certain(self) -> frozenset[str]:
-        """By a statement outside of blocks, which nothing but an error can leave out."""
+    def publications(self) -> tuple[tuple[str, bool], ...]:
+        """A call is certain in a statement outside of blocks, which nothing but an error can leave out."""
         if not self.publishes:
-            return NONE
+            return ()
         statements = getattr(own_syntax_tree(self.expression), "body", ())
         always = (_AlwaysEvaluated().visit(one) for one in statements if isinstance(one, ast.Expr))
-        found = (topic for one in always for topic in _topics_in(one))
-        return frozenset(topic.qualified for topic in found if topic.direction == "publish")
+        certain = {_place(call) for one in always for call, _ in _published(ast.walk(one))}
+        repeated = self._repeated()
+        return tuple((topic, _place(call) in certain) for call, topic in _published(self.nodes())
+                     for _ in range(2 if id(call) in repeated else 1))  # fmt: skip
+
+    def _repeated(self) -> set[int]:
+        """The ids of the nodes that are executed any number of times."""
+        return {id(inner) for one in self.nodes() if isinstance(one, _REPEATING) for inner in ast.walk(one)}
+
+    @cached_property
+    def midway(self) -> frozenset[str]:
+        if not self.publishes:
+            return NONE
+        nodes, repeated = [*self.nodes()], self._repeated()
+        waits = [_place(one) for one in nodes if isinstance(one, ast.Await | ast.AsyncFor | ast.AsyncWith)]
+        return frozenset(topic for call, topic in _published(nodes)
+                         if id(call) in repeated or any(_place(call) < place for place in waits))  # fmt: skip
 
     # ---- errors and requests ---------------------------------------------------------------------------
 
@@ -453,12 +468,30 @@ _TAKING = ("receive", "robot.subscribe")
 
 def _topics_in(tree: ast.AST | None) -> Iterator[ScriptTopic]:
     """The topics that a tree names, in the order of the text, each once."""
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)] if tree is not None else []
-    calls.sort(key=lambda call: (call.lineno, call.col_offset))
+    calls = (
+        sorted((node for node in ast.walk(tree) if isinstance(node, ast.Call)), key=_place) if tree is not None else []
+    )
     found: dict[tuple[str, str, Direction, str | None], ScriptTopic] = {}
     for topic in (topic for call in calls for topic in _topics(call)):
         found.setdefault((topic.name, topic.label, topic.direction, topic.type), topic)
     yield from found.values()
+
+
+def _published(nodes: Iterable[ast.AST]) -> list[tuple[ast.Call, str]]:
+    """Each call that publishes, and the topic, in the order of the text."""
+    calls = sorted((node for node in nodes if isinstance(node, ast.Call)), key=_place)
+    return [(call, topic.qualified) for call in calls for topic in _topics(call) if topic.direction == "publish"]
+
+
+def _place(node: ast.AST) -> tuple[int, int]:
+    """Where an expression or statement begins."""
+    assert isinstance(node, ast.expr | ast.stmt)
+    return node.lineno, node.col_offset
+
+
+_REPEATING = (ast.For, ast.AsyncFor, ast.While, ast.comprehension, ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda,
+              ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)  # fmt: skip
+"""What may execute what is inside any number of times."""
 
 
 def _topics(call: ast.Call) -> Iterator[ScriptTopic]:

@@ -85,6 +85,7 @@ class Abstraction:
     computed (throwing event, text of its computed code) -> the named codes that it may have
     counts   (element, text) of a collection or cardinality -> whether it is a cardinality
     skipped  script -> a statement that is left out although it may raise
+    payloads (throwing event, text of its payload) -> topic, where no error event catches that it does not fit
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
     formless tasks without a form: a person may set any other variable, too
 
@@ -105,6 +106,7 @@ class Abstraction:
     computed: dict[tuple[str, str], Collection[str]] = field(default_factory=dict)
     counts: dict[tuple[str, str], bool] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
+    payloads: dict[tuple[str, str], str] = field(default_factory=dict)
     given: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     formless: set[str] = field(default_factory=set)
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
@@ -116,7 +118,7 @@ class Abstraction:
         if key not in self._rewritten:
             self._homes[home.file] = home
             # Who calls it is not asked: any error event that catches what scripts raise may be at the call.
-            guarded = not self.facts.catches.isdisjoint({"", "script"}) and process.id in self.facts.called
+            guarded = not self.facts.catches.isdisjoint({"", "script", "no_flow"}) and process.id in self.facts.called
             body = _Rewriter(self, home).body(process.body, guarded)
             self._rewritten[key] = process, replace(process, body=body)  # the first keeps the key's object alive
         return self._rewritten[key][1]
@@ -196,9 +198,9 @@ class _Rewriter:
             case model.CallActivity():
                 return self._call(node, guarded)
             case model.Gateway():
-                return _with_way_out(node, guarded.body)
+                return node if self._is_noticed(node, guarded, "no_flow") else _with_way_out(node, guarded.body)
             case model.Event():
-                return self._event(node)
+                return self._event(node, guarded)
             case model.Task(kind="script", script=model.Expression() as script):
                 return self._script(node, script, guarded)
             case model.Task(kind="service"):
@@ -209,9 +211,23 @@ class _Rewriter:
                 self.to.formless.update(() if fields else (node.id,))
         return node
 
-    def _event(self, event: model.Event) -> model.Event:
+    def _is_noticed(self, node: model.FlowNode, guarded: Guarded, code: str) -> bool:
+        """Whether an error event may catch it if an event or gateway fails with a code."""
+        here = guarded.inside or (isinstance(node, model.Event) and node.attached_to in guarded.hosts)
+        return here and not self.to.facts.catches.isdisjoint({"", code})
+
+    def _event(self, event: model.Event, guarded: Guarded) -> model.Event:
         """An event whose error has a text that is not known: what texts for people read need not be kept."""
         facts = self.to.facts
+        noticed = self._is_noticed(event, guarded, "script")
+        if noticed:
+            self.to.caught.add(event.id)
+        if event.defined(model.TimerDefinition):
+            self.to.risky.add(event.id)
+            self.to.guarded.update((event.id,) if noticed else ())
+        for topic, throws in event.topics():
+            if throws and topic.payload is not None and effects_of(topic.payload).reads and not noticed:
+                self.to.payloads[event.id, topic.payload.text] = topic.qualified
         for text, escalates in computed_codes(event):
             self.to.computed[event.id, text] = facts.escalations if escalates else facts.codes
         kept = (replace(one, message=_TEXT) if isinstance(one, model.ErrorDefinition) and one.message else one

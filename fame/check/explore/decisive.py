@@ -32,12 +32,14 @@ class _Flow:
     needed    variables that decide something by themselves
     links     (reads, writes) of each text
     payloads  (topic, what its payload reads)
+    topics    those whose payload decides something by itself
     takes     (topic, what is read with its message, the variables that the message sets)
     """
 
     needed: set[str] = field(default_factory=set)
     links: list[Dependency] = field(default_factory=list)
     payloads: list[tuple[str, frozenset[str]]] = field(default_factory=list)
+    topics: set[str] = field(default_factory=set)
     takes: list[tuple[str, frozenset[str], frozenset[str]]] = field(default_factory=list)
 
 
@@ -65,7 +67,8 @@ def decisive(
 
 
 def _fixed_point(flows: Mapping[str, _Flow]) -> tuple[dict[str, frozenset[str]], frozenset[str]]:
-    kept, topics = {pool: set(flow.needed) for pool, flow in flows.items()}, set[str]()
+    kept = {pool: set(flow.needed) for pool, flow in flows.items()}
+    topics = set[str]().union(*(flow.topics for flow in flows.values()))
     size = -1
     while size < (size := sum(map(len, kept.values())) + len(topics)):
         for pool, flow in flows.items():
@@ -92,7 +95,7 @@ def _add_bodies(
             elif use.use in ("condition", "timer", "mapping", "value"):
                 flow.needed |= use.reads
         for node in body.nodes:
-            _add_topics(flow, node, body)
+            _add_topics(flow, node, body, noticed=node.id in caught)
             flow.needed |= {*results_read(node)}
             if isinstance(node.loop, model.MultiInstance):
                 flow.needed |= {node.loop.output_collection} - {""}
@@ -112,7 +115,8 @@ def _add_script(flow: _Flow, use: ExpressionUse, facts: TeamFacts, *, caught: bo
         flow.links.append((use.reads, use.effects.writes | changes))
 
 
-def _add_topics(flow: _Flow, node: model.FlowNode, body: model.Body) -> None:
+def _add_topics(flow: _Flow, node: model.FlowNode, body: model.Body, *, noticed: bool) -> None:
+    """Add what flows by topics. `noticed`: an error event may catch that a payload does not fit its type."""
     keys = {name for topic, _ in node.topics() for name, _ in node.keys_of(topic)}
     flow.needed |= keys
     for topic, throws in node.topics():
@@ -121,3 +125,4 @@ def _add_topics(flow: _Flow, node: model.FlowNode, body: model.Body) -> None:
             flow.takes.append((topic.qualified, reads, frozenset(taken(node, topic, body)) | keys))
         elif topic.payload is not None:
             flow.payloads.append((topic.qualified, effects_of(topic.payload).reads))
+            flow.topics.update((topic.qualified,) if noticed else ())

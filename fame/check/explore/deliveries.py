@@ -82,7 +82,7 @@ def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Sear
 
     Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
     """
-    entered = set[str]().union(*(local.states.visited for local in team.locals))
+    entered = set[str]().union(*(local.states.visited | local.host.set_timers for local in team.locals))
     may_fail = sorted({element for element, _ in team.model.failures.unhandled}.union(_supposed(team)) & entered)
     if not may_fail or team.monitors is None or not any(proof.verdict in _HOLDING for proof in searched.judged):
         return searched
@@ -97,7 +97,7 @@ def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Sear
 
 
 def _supposed(team: Team) -> set[str]:
-    """The scripts that fail only because it is not known that they do not."""
+    """The scripts and timers that fail only because it is not known that they do not."""
     return set[str]().union(*(local.host.supposed for local in team.locals))
 
 

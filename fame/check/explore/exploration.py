@@ -145,6 +145,7 @@ class _Searches:
             properties=tuple(merged_verdicts(searched.judged for searched in self.searched)),
             steps=tuple(_call_of(step) for step in sorted(team.model.steps)),
             shortened=tuple((one.robot, name) for one in local_parts for name in sorted(one.host.shortened)),
+            midway=tuple((one.robot, name) for one in local_parts for name in sorted(one.host.midway)),
             widened=tuple((local.robot, name) for local in local_parts for name in sorted(local.states.widened)),
         )
 

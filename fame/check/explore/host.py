@@ -39,7 +39,7 @@ from fame.engine.host import BpmnError
 from fame.engine.state import Trail, Wait
 from fame.engine.tasks import SCRIPT
 from fame.errors import FameError, ModelError
-from fame.iso8601 import parse_duration
+from fame.iso8601 import TIMES, parse_duration
 from fame.middleware import typesystem
 from fame.middleware.definitions import Field
 from fame.scripting import compile_expression, compile_script, effects_of
@@ -155,10 +155,17 @@ class ExplorationHost:
         """The computed codes of throwing events, see `Abstraction`."""
         self.supposed: set[str] = {*model.failures.supposed}
         """What fails with `script` only because it is not known that it does not, see `Outcome.supposed`."""
+        self.set_timers: set[str] = set()
+        """Timer events of `supposed` that were set."""
         self.opaque: set[str] = set()
         """Scripts that may raise, and are not executed."""
         self.skipped: dict[str, str] = {}
         """Scripts of which something is not executed that may raise, and what of it."""
+        self.payloads: Mapping[tuple[str, str], str] = model.payloads
+        """Payloads that do not fit without anybody noticing, see `Abstraction`."""
+        self.shared_topics: Set[str] = model.facts.shared
+        self.midway: dict[str, str] = {}
+        """Scripts that publish before they wait or any number of times, and a topic: explored is that at their end."""
         self.left_out: Mapping[str, str] = model.skipped
         """Statements that the abstraction has left out, see `Abstraction.skipped`."""
         self.traceable: bool = True
@@ -245,6 +252,8 @@ class ExplorationHost:
             run = self._script(expression, element, file)
             waits = effects_of(expression, script=True).waits
             return self._noted(run if waits else self._forgetting(run, expression), element)
+        if self.payloads.get((element, expression.text), "") not in self.matters | {""}:
+            self.skipped[element] = expression.text
         key = key_of(expression)
         made = self._expression(expression, element, file)
         codes = self.computed.get((element, expression.text))
@@ -422,6 +431,7 @@ class ExplorationHost:
         if element in self.left_out or (not computable and not effects.waits and not told and may_raise(script)):
             self.skipped[element] = self.left_out.get(element) or script.text.strip().partition("\n")[0]
         if effects.waits:
+            self.midway.update((element, topic) for topic in sorted(effects.midway & self.shared_topics))
             running = Running(step)
             return lambda variables: running
         quiet = not step.emits and not step.codes and not any(one in script.text for one in ("signal", "BpmnError"))
@@ -631,6 +641,14 @@ class ExplorationHost:
     # ---- timers --------------------------------------------------------------------------------------
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
+        if MARK not in text:
+            TIMES[kind](text)
+        elif self.place in self.risky:
+            self.supposed.add(self.place)
+            self.set_timers.add(self.place)
+            if self.choose(2):
+                self.outcome.supposed.add(self.place)
+                raise BpmnError("script", MARK)
         seconds = seconds_of(text)
         period = (seconds or 1.0) if kind == "cycle" else None
         if seconds is None or not self.ordered or kind == "date":
@@ -709,10 +727,11 @@ def step_under_way(wait: Wait) -> AbstractStep:
 def step_of(script: Expression) -> AbstractStep:
     """Return the known effects of a script that is not run."""
     effects = effects_of(script, script=True)
-    emits = tuple((topic, topic in effects.certain) for topic in effects.publishes)
     changes = tuple(sorted(effects.changes | effects.may_change))
     codes = tuple(sorted(effects.codes or ()))
-    return AbstractStep(tuple(sorted(effects.writes)), changes, codes=codes, emits=emits, open=effects.open)
+    return AbstractStep(
+        tuple(sorted(effects.writes)), changes, codes=codes, emits=effects.publications, open=effects.open
+    )
 
 
 def _at(value: Any, path: str, lists: bool) -> Any:

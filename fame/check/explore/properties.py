@@ -139,6 +139,9 @@ class Monitors:
         self._values = next(iter(robots.values())).values
         self._robots = robots
         self._opaque = [f"{name}'s {id}" for name, local in robots.items() for id in sorted(local.host.opaque)]
+        midway = ((name, *one) for name, local in robots.items() for one in sorted(local.host.midway.items()))
+        self._midway = [f"{name}'s {id} publishes on {topic} before it ends, in an exploration when it ends"
+                        for name, id, topic in midway]  # fmt: skip
         named = (robot for one in self.monitors for robot in self._apart(one))
         self.apart: frozenset[str] = frozenset(robots if self.watches else named)
         self.states: list[tuple[Any, ...]] = []
@@ -270,6 +273,8 @@ class Monitors:
             if self._opaque and exhaustive:
                 verdict = "not known"
                 said = [f"{', '.join(self._opaque)} may raise an error, and is not executed in an exploration", *said]
+            if self._midway and exhaustive:
+                verdict, said = "not known", [*self._midway, *said]
             yield Judged(name, sentence, verdict, "; ".join(said))
 
 

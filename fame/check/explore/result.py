@@ -42,6 +42,7 @@ class Exploration:
     local       robot -> number of its local states
     outside     topics on which anything may come from outside of the team
     shortened   elements that take lists or numbers that are not known, of which few are tried: (robot, element)
+    midway      scripts that publish before they end, which is explored when they end: (robot, element)
     widened     variables that have too many values, and so are unknown from some time on: (robot, name)
     seconds     of all searches (wall clock)
     sampled     what was explored besides, because a limit ended a search
@@ -57,6 +58,7 @@ class Exploration:
     outside: tuple[str, ...]
     seconds: float
     shortened: tuple[tuple[str, str], ...] = ()
+    midway: tuple[tuple[str, str], ...] = ()
     widened: tuple[tuple[str, str], ...] = ()
     sampled: tuple[str, ...] = ()
     properties: tuple[Judged, ...] = ()

@@ -114,6 +114,8 @@ def _abstractions(result: Exploration, files: Sequence[Definitions]) -> Iterator
         yield "from outside, at any time", topic
     for robot, element in result.shortened:
         yield "unknown list or number of items, with few of them", f"{element} of {robot}"
+    for robot, element in result.midway:
+        yield "taken to publish when it ends, though it does so before", f"{element} of {robot}"
     for robot, name in result.widened:
         yield "unknown after a while", f"{name} of {robot}"
     for cut in result.cuts:
