@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parent.parent
 IMAGES = ROOT / "docs" / "images"
-READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
+READY = """!!(window.fame && fame.mission.kind && fame.drawing && fame.mission.reading >= 1
+  && fame.store.blocks.every(one => one.data))"""
 DIFFERS = 24
 """Of 255: a smaller difference of a pixel is that of fonts and of smooth edges."""
 

@@ -415,6 +415,16 @@ def test_the_page_follows_a_run_and_controls_it(chromium: Browser, porter: Scena
         page.get_by_role("button", name="Signal").wait_for(state="detached")  # drawn after the chip
 
 
+def test_a_page_to_which_the_run_has_said_nothing_yet_pauses_it_all_the_same(
+    chromium: Browser, porter: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(porter, RunControl(speed=1.0)) as (live, _):
+        monkeypatch.setattr(live, "news", lambda known: (known, []))
+        with opened(chromium, live) as page:
+            page.get_by_role("button", name="Pause").click()
+            eventually(lambda: live.control_of_run.paused)
+
+
 def test_the_page_asks_before_it_branches_and_opens_the_tab_at_once(chromium: Browser, own_code: Path) -> None:
     arguments = parser("view").parse_args(["view", str(own_code / "run.mcap"), "--no-open"])
     with _source(own_code / "run.mcap", arguments) as replay, opened(chromium, replay, has_touch=True) as page:

@@ -328,14 +328,14 @@ export class App {
     this.redraw();
   }
 
-  /** Whether pause, step and speed are those of the run: the cursor follows it. */
+  /** Whether pause, step and speed are those of the run: the cursor follows it, whether it has said anything or not. */
   runs() {
-    return this.player.following && this.isLive() && this.control.can.has("pause") && Boolean(this.control.status);
+    return this.player.following && this.isLive() && this.control.can.has("pause");
   }
 
   /** Pause or resume what goes on: the run, or the replay. */
   pause() {
-    if (this.runs()) this.control.send({ do: this.control.status.paused ? "resume" : "pause" });
+    if (this.runs()) this.control.send({ do: this.control.status?.paused ? "resume" : "pause" });
     else this.player.play();
   }
 

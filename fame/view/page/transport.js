@@ -62,10 +62,10 @@ export class Transport {
     const { app } = this;
     const { player, control } = app;
     const run = app.runs();
-    const playing = run ? !control.status.paused : player.playing;
+    const playing = run ? !control.status?.paused : player.playing;
     const word = playing ? "Pause" : run ? "Resume" : "Play";
     const of = run ? "run" : "replay";
-    const now = run ? control.status.speed : player.speed;
+    const now = run ? control.status?.speed : player.speed;
     const key = [run, playing, now, player.following, app.isLive()].join();
     if (key === this.key) return;
     this.key = key;
