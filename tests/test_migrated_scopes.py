@@ -121,6 +121,25 @@ def test_a_token_whose_task_has_left_a_sub_process_ends_that() -> None:
         assert (new.instance.status, new.instance.variables["n"]) == ("completed", 1)
 
 
+def test_observers_learn_which_scopes_and_tokens_begin_and_end() -> None:
+    def marks(old: Run, changed: str, plan: dict[str, Any]) -> list[tuple[str, str]]:
+        known = len(old.events)
+        new = Migrated(old, changed, {"elements": plan})
+        return [
+            (one.element, one.what) for one in [*old.events[known:], *new.events] if one.what in ("enter", "cancel")
+        ]
+
+    assert marks(run(OPEN).run(), inside(), {}) == [("w", "cancel"), ("q", "enter"), ("w", "enter")]
+    assert marks(run(inside()).run(), OPEN, {}) == [("w", "cancel"), ("q", "cancel"), ("w", "enter")]
+    assert marks(run(inside()).run(), inside(), {"w": "restart"}) == [("w", "cancel"), ("w", "enter")]
+    assert marks(run(OPEN).run(), OPEN.replace('"w"', '"v"').replace("s_w", "s_v"), {"w": {"to": "v"}}) == [
+        ("w", "cancel"),
+        ("v", "enter"),
+    ]
+    assert marks(run(OPEN).run(), OPEN, {}) == []
+    assert marks(run(inside()).run(), inside(), {"q": "abandon"}) == [("w", "cancel"), ("q", "cancel")]
+
+
 def test_tasks_that_change_their_sub_processes_are_done_once() -> None:
     def two(first: str, second: str) -> str:
         one = sub("q1", start("s1") + user(first) + path(f"s1 {first}"))
@@ -495,6 +514,15 @@ def times(events: list[Event], element: str, since: int) -> list[int]:
             and one.time > since * SECOND]  # fmt: skip
 
 
+def open_marks(events: list[Event]) -> dict[tuple[int, str], int]:
+    """Return where observers saw more or less tokens enter an element than end there."""
+    change = {"enter": 1, "leave": -1, "cancel": -1}
+    marks: Counter[tuple[int, str]] = Counter()
+    for one in events:
+        marks[one.scope, one.element] += change.get(one.what, 0)
+    return {where: number for where, number in marks.items() if number}
+
+
 def unbalanced(new: Migrated) -> list[str]:
     """Return the scopes that count other tokens than they have."""
     return [
@@ -533,6 +561,7 @@ def test_every_token_of_a_migrated_state_is_in_the_scopes_around_its_element(see
                 break
             new.simulation.complete(next(one for one in new.waiting if one.startswith("u")))
         assert new.instance.status == "completed", seed
+        assert open_marks([*old.events, *new.events]) == {}, seed
     assert kept > 10, (kept, refused)
     assert moved > 2, moved
 

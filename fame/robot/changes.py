@@ -64,7 +64,7 @@ class ChangeTracker:
             for scope in scopes_of(instance.root):
                 self._announce(scope)
                 state.scopes[scope.key] = self._describe(scope)
-                for where, element in _entered(scope):
+                for where, element in entered(scope):
                     held = state.active.setdefault((where, element), [0, now])
                     held[0] += 1
                     counts = state.counts.setdefault(state.file_of(where), {}).setdefault(element, {"enter": 0})
@@ -291,7 +291,7 @@ def _look(instances: Iterable[Instance]) -> tuple[list[Scope], list[Wait], list[
     return owners, waits, joins
 
 
-def _entered(scope: Scope) -> Iterable[tuple[int, str]]:
+def entered(scope: Scope) -> Iterable[tuple[int, str]]:
     """Where tokens have entered an element and not left it, as observers saw it: those in a scope, and its own."""
     for wait in scope.children:
         if isinstance(wait, Wait) and wait.token and wait.node.plain_step is not None:

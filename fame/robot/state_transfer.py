@@ -6,13 +6,16 @@ Both run in one process, so values of variables go over as they are: also functi
 from __future__ import annotations
 
 import json
+from collections import Counter
 from typing import Any
 
-from fame.engine import restore, snapshot
+from fame.engine import Engine, restore, snapshot
 from fame.engine.data import Variables
 from fame.engine.encoding import Convert, Data, encode
 from fame.engine.migration import MigratedToken, MigrationPlan, arm_new, gone, migrate, preview
+from fame.engine.snapshot import all_scopes
 from fame.errors import MissionError
+from fame.robot.changes import entered
 from fame.robot.node import RobotNode
 from fame.robot.restoring import epoch_of, go_on, set_timers, tables_of, take_unanswered
 from fame.robot.stored_values import dump
@@ -130,7 +133,22 @@ def transfer_state(new: RobotNode, old: RobotNode, plan: MigrationPlan) -> list[
     if new.acknowledged is not None and old.acknowledged is not None:
         new.acknowledged.restore(old.acknowledged.tables(epoch_of(old)), epoch_of(new))
     new.forget_early()
+    _notify_changes(old.engine, engine)
     return tokens
+
+
+def _notify_changes(old: Engine, new: Engine) -> None:
+    """Notify the observers of the old process of what has ended or begun, or is in another scope, or has another id.
+
+    Those of the new one begin with what is there (`RobotNode.attach`).
+    """
+    before, now = ({scope.key: scope for scope in all_scopes(engine)} for engine in (old, new))
+    was, has = (Counter(one for each in scopes.values() for one in [*entered(each)][::-1]) for scopes in (before, now))
+    for where, element in reversed([*(was - has).elements()]):  # inner ones first
+        old.notify(before[where], (element, "cancel", None))
+    for where, element in (has - was).elements():
+        old.notify(now[where], (element, "enter", None))
+    old.observe()
 
 
 def go_on_after(new: RobotNode, timers: dict[str, Any]) -> None:
