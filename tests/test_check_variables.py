@@ -75,6 +75,22 @@ def test_a_called_process_with_a_mapping_gets_what_that_names() -> None:
     ]
 
 
+def test_each_call_with_a_mapping_is_looked_at_also_beside_one_where_people_set_variables() -> None:
+    given = extensions('<camunda:in source="x" target="x_gaol"/>')
+    twice = row(script("x = 1"), call("c", "Q", given), call("d", "Q", given))
+    text = "Q reads `x_goal`, which nothing sets; did you mean `x_gaol`?"
+    assert told(team(twice).replace("<signal", f"{CALLEE}<signal", 1)) == [f"c: {text}", f"d: {text}"]
+    everything = extensions('<camunda:in variables="all"/>')
+    inner = "".join(
+        f'<process id="{name}">{row(before, call(f"in{name}", "Q", everything), mark=name)}</process>'
+        for name, before in (("M", '<userTask id="u"/>'), ("N", ""))
+    )
+    both = team(row(script("x = 1"), call("c", "M", everything), call("d", "N", everything)))
+    assert told(both.replace("<signal", f"{CALLEE}{inner}<signal", 1)) == [
+        "inN: Q reads `x_goal`, which nothing sets: add it to the mapping"
+    ]
+
+
 def test_a_process_without_a_pool_is_given_what_its_data_objects_declare() -> None:
     text = data("goal", x_goal="${x_goal}") + row(reading("t", "goal", "y = x_goal"))
     assert told(alone(text)) == []

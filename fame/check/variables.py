@@ -178,7 +178,7 @@ def sharing(root: CheckedProcess) -> dict[CheckedProcess, CallActivity | None]:
 def _spaces(root: CheckedProcess, given: set[str], uses: Mapping[CheckedProcess, Uses]) -> Iterator[_Space]:
     """The variable space of a process and those of the calls with a mapping in it."""
     pending = [_space(root, given, False, None, uses)]
-    seen: set[tuple[CheckedProcess, frozenset[str]]] = set()
+    seen: set[tuple[CheckedProcess, str, frozenset[str], bool]] = set()
     for space in pending:
         yield space
         for process in space.members:
@@ -186,10 +186,9 @@ def _spaces(root: CheckedProcess, given: set[str], uses: Mapping[CheckedProcess,
                 if call.io is None or callee is None:
                     continue
                 inside = {item.target for item in call.io.inputs} | (space.known if call.io.all_in else set())
-                key = (callee, frozenset(inside))
-                if key not in seen:
+                opaque = call.io.all_in and space.opaque
+                if (key := (process, call.id, frozenset(inside), opaque)) not in seen:
                     seen.add(key)
-                    opaque = call.io.all_in and space.opaque
                     pending.append(_space(callee, inside, opaque, (process, call), uses))
 
 
