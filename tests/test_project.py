@@ -168,6 +168,15 @@ def test_library_and_types_of_a_project_hold_for_its_tests(team: Path) -> None:
     assert fame_test("tests", "--no-project")[0] == 1
 
 
+def test_its_library_holds_for_what_judges_its_properties(team: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (team / "calls.yaml").write_text("model: calls.bpmn\nduration: 5\nproperties: {ends: P completes}\n")
+    assert main(["run", "calls.yaml", "--quiet", "--log", "run.mcap"]) == 0
+    assert main(["log", "judge", "calls.yaml", "run.mcap"]) == 0
+    assert re.search("ends +holds", capsys.readouterr().out)
+    assert main(["log", "judge", "--no-project", "--library", "behaviours", "calls.yaml", "run.mcap"]) == 0
+    assert main(["log", "judge", "--no-project", "calls.yaml", "run.mcap"]) == 2
+
+
 def test_the_command_line_wins(team: Path, tmp_path: Path) -> None:
     (team / "fame.yaml").write_text(
         "scenarios: [calls.bpmn]\nmiddleware: zenoh\nkeys: {sign: a.key, trust: [a.pub]}\nlibrary: [behaviours]\n"

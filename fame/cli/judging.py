@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from fame.properties import Judgement, Property, Vocabulary
 
 
-def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocabulary | None]:
-    """Return the properties of a file; the model beside it, or the team of a scenario.
+def subject(
+    path: Path, library: Sequence[Path] = ()
+) -> tuple[tuple[Property, ...], Definitions | None, Vocabulary | None]:
+    """Return the properties of a file; the model beside it, or the team of a scenario; `library`: further folders.
 
     A scenario has those beside and in its model, too. Raises ConfigError for a file that has none.
     """
@@ -29,7 +31,7 @@ def subject(path: Path) -> tuple[tuple[Property, ...], Definitions | None, Vocab
     from fame.scenario import Scenario
     from fame.scenario.judging import team_vocabulary
 
-    scenario = Scenario.load(path)
+    scenario = Scenario.load(path, library=library)
     if not scenario.properties:
         raise ConfigError("expected the key properties: {NAME: SENTENCE}", file=str(path))
     return scenario.properties, scenario.definitions, team_vocabulary(scenario)
@@ -39,7 +41,7 @@ def live_judge(arguments: Namespace, note: Callable[[str], object]) -> LiveJudge
     """Return what judges the properties of ``--properties`` while a team runs; `note` gets violations."""
     from fame.log.live_judge import LiveJudge
 
-    return LiveJudge(*subject(arguments.properties), note)
+    return LiveJudge(*subject(arguments.properties, arguments.library), note)
 
 
 def judge(arguments: Namespace) -> int:
@@ -56,7 +58,7 @@ def judge(arguments: Namespace) -> int:
     runs = _runs(arguments.runs)
     if columns and not any(map(is_xes, runs)):
         raise ConfigError(f"--columns is for .xes files, got {', '.join(map(str, runs))}")
-    properties, model, team = subject(arguments.properties)
+    properties, model, team = subject(arguments.properties, arguments.library)
     judged: dict[str, list[Judgement]] = {
         str(path): judge_bag(path, properties, model, team)
         if is_bag(path)

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, Parser, add_json, add_properties, add_types, command, group
+from fame.cli.arguments import Commands, Parser, add_json, add_library, add_properties, command, group
 from fame.cli.network import add_network, note_ready
 from fame.cli.output import note, progress_line, table
 from fame.errors import ConfigError, UnavailableError
@@ -65,7 +65,7 @@ def _add_record(parts: Commands) -> None:
     )  # fmt: skip
     add_properties(recording)
     add_network(recording)
-    add_types(recording)
+    add_library(recording)
 
 
 def _add_convert(parts: Commands) -> None:
@@ -130,6 +130,7 @@ def _add_judge(parts: Commands) -> None:
         "label (concept:name), the transition (lifecycle:transition) and the time (time:timestamp); case:NAME is "
         "that of the trace; repeatable",
     )  # fmt: skip
+    add_library(judging)
     add_json(judging)
 
 
