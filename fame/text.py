@@ -135,9 +135,9 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     from difflib import get_close_matches
 
     words = list(known)
-    close = get_close_matches(word, words, n=1)
-    if close:
-        return f"did you mean {close[0]!r}?"
+    folded = {one.casefold(): one for one in reversed(words)}
+    if close := get_close_matches(word.casefold(), folded, n=1):
+        return f"did you mean {folded[close[0]]!r}?"
     more = f" and {len(words) - _LISTED} more" if len(words) > _LISTED else ""
     return f"known are: {', '.join(words[:_LISTED]) or 'none'}{more}"
 

@@ -14,6 +14,7 @@ from fame.bpmn.reader import read_text
 from fame.cli.robots import rows
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy import EngineNode
+from fame.deploy.assignment import assign_robots
 from fame.middleware import messages
 from fame.middleware.interface import EndpointWarning, QoS
 from fame.middleware.local import LocalMiddleware
@@ -342,8 +343,11 @@ def test_only_some_robots_may_be_sent_to():
     assert not sent.failed
     assert list(sent.robots) == ["A"]
     assert field.engines["B"].running is kept
-    with pytest.raises(fame.DeploymentError, match="named Z"):
-        field.deploy(TEAM, "d3", 3, only=["Z"])
+    for wrong, text in (("Z", "named Z .the model is for A, B.; known are: A, B"), ("a", "named a .*did you mean 'A'")):
+        with pytest.raises(fame.DeploymentError, match=text):
+            field.deploy(TEAM, "d3", 3, only=[wrong])
+    with pytest.raises(fame.DeploymentError, match="the model has no pool for C: it is for A, B"):
+        assign_robots(read_text(TEAM, file="m.bpmn"), ["A", "C"], found=True, only=["C"])
 
 
 def test_an_envelope_for_another_robot_or_with_another_hash_is_refused():

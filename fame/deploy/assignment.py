@@ -21,6 +21,7 @@ from fame.check.expressions import expressions_in
 from fame.deploy.envelope import Report
 from fame.errors import DeploymentError, MissionError, ModelError
 from fame.robot.endpoints import direct_topic
+from fame.text import suggestion
 
 
 def assign_robots(
@@ -37,10 +38,11 @@ def assign_robots(
         robots = [robot for robot in robots if robot not in others]
     unknown = [name for name in only if name not in robots]
     wanted = ", ".join(expected_robots(pool) for pool in pools)
+    if foreign := ", ".join(name for name in unknown if name in others):
+        raise DeploymentError(f"the model has no pool for {foreign}: it is for {wanted}")
     if unknown:
-        there = f"there are {', '.join(robots)}" if robots else "no robot was found"
-        text = f"no engine of a robot named {', '.join(unknown)}; of those that the model wants ({wanted}) {there}"
-        raise DeploymentError(text)
+        there = suggestion(unknown[0], [*robots, *others]) if robots or others else "no robot was found"
+        raise DeploymentError(f"no engine of a robot named {', '.join(unknown)} (the model is for {wanted}); {there}")
     if only:
         pools = [pool for pool in pools if any(matches(robot, pool) for robot in robots)]
     assigned = assign_pools(pools, robots, file=definitions.file, others=others)
