@@ -1,7 +1,7 @@
 """Variables that nothing sets: what `fame check` knows of those of a process, its callers and its messages."""
 
 import pytest
-from bpmn_text import extensions, process
+from bpmn_text import extensions, process, properties
 from check_drawing import (
     BOOL,
     ROOT,
@@ -126,3 +126,39 @@ def test_strict_makes_what_a_payload_lacks_an_error() -> None:
     text = alone(row(throw("a", type=VECTOR, payload="{x: ${speed}}"), script("y = pace")))
     assert told(text, "error") == []
     assert told(text, "error", strict=True) == ["a: reads `speed`, which nothing sets"]
+
+
+ASKING = extensions('<camunda:formData><camunda:formField id="approved" type="boolean"/></camunda:formData>')
+
+
+@pytest.mark.parametrize(
+    ("form", "findings"),
+    [
+        (ASKING, ["t: reads `aproved`, which nothing sets; did you mean `approved`?"]),
+        ("", []),  # a person may give any value
+        (extensions('<camunda:formData><camunda:formField type="boolean"/></camunda:formData>'), []),
+    ],
+)
+def test_a_form_sets_what_it_asks_for_and_nothing_else(form: str, findings: list[str]) -> None:
+    asks = f'<userTask id="u">{form}</userTask>'
+    assert told(team(row(asks, script("x = aproved")))) == findings
+    assert told(team(row(asks, script("x = approved")))) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "findings"),
+    [
+        ("jb.x = x", ["r: needs `jb`, which nothing sets; did you mean `job`?"]),
+        ("job.x = x", []),
+        ("jb = x", []),  # its first message sets it
+    ],
+)
+def test_a_message_correlates_with_a_part_of_what_something_sets(key: str, findings: list[str]) -> None:
+    receive = (
+        f'<intermediateCatchEvent id="r">{properties(type=VECTOR, correlate=key)}'
+        '<messageEventDefinition messageRef="M"/></intermediateCatchEvent>'
+    )
+    model = team(row(script("job = {'x': 1.0}"), receive))
+    assert [
+        one for one in told(model.replace("<signal", '<message id="M" name="m"/><signal', 1)) if "set" in one
+    ] == findings

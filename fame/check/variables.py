@@ -13,7 +13,9 @@ import difflib
 from collections.abc import Iterator, Mapping
 
 from fame.bpmn.library import Library, calls_of
+from fame.bpmn.linked_forms import form_of
 from fame.bpmn.model import CallActivity, DataObject, Definitions, Element, Expression, FlowNode, Process, Task, Topic
+from fame.bpmn.model.forms import is_whole
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
 from fame.check.expressions import ExpressionUse, expressions_in
@@ -84,7 +86,12 @@ def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
             if isinstance(node, Task) and node.kind == "service" and node.operation in SERVICES:
                 uses.needs += [(node, name) for name in SERVICES[node.operation].required]
             elif isinstance(node, Task):
-                uses.opaque |= node.kind in ("user", "manual", "service", "business_rule")
+                form = form_of(process.definitions, node.human)
+                for field in form:
+                    uses.sets.setdefault(field.key.partition(".")[0], node)
+                uses.opaque |= node.kind in ("user", "manual", "service", "business_rule") and not is_whole(form)
+            keys = [key for topic, _ in node.topics() for key, _ in node.keys_of(topic)]
+            uses.needs += [(node, key.partition(".")[0]) for key in keys if "." in key]  # others its first message sets
         for item in body.data_objects:
             for name, expression in item.values:
                 if item.id in assigned and sets_something(name, expression):

@@ -56,11 +56,15 @@ def _without_field(form: Sequence[FormField], names: Iterable[str]) -> str:
     """Say which name is no field; beside fields that FAME does not know (``other``), only if it is like a known one."""
     keys = [field.key for field in form if field.key]
     known = {*keys, *(key.partition(".")[0] for key in keys)}
-    whole = all(field.kind != "other" for field in form)
     for name in names if keys else ():
-        if name not in known and (whole or get_close_matches(name, keys)):
+        if name not in known and (is_whole(form) or get_close_matches(name, keys)):
             return f"the form has no field {name!r}; {suggestion(name, keys)}"
     return ""
+
+
+def is_whole(form: Sequence[FormField]) -> bool:
+    """Return whether a form asks for something, and all its fields are known: then it refuses what has no field."""
+    return any(field.key for field in form) and all(field.kind != "other" for field in form)
 
 
 def given(values: Mapping[str, Any], key: str) -> list[Any]:

@@ -21,6 +21,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from fame.bpmn import model
 from fame.bpmn.library import Library
 from fame.bpmn.linked_forms import form_of
+from fame.bpmn.model.forms import is_whole
 from fame.bpmn.pools import Pool, all_processes
 from fame.bpmn.topics import TopicUse
 from fame.check.explore.behaviours import is_step
@@ -87,7 +88,7 @@ class Abstraction:
     skipped  script -> a statement that is left out although it may raise
     payloads (throwing event, text of its payload) -> topic, where no error event catches that it does not fit
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
-    formless tasks without a form: a person may set any other variable, too
+    formless tasks without a form that is known: a person may set any other variable, too
 
     Elements are known by their ids alone, so that what two processes with one id add is joined.
     """
@@ -206,9 +207,8 @@ class _Rewriter:
             case model.Task(kind="service"):
                 self.to.steps[step_name(self.home.file, node.id)] = self._service(node, guarded)
             case model.Task(kind="user" | "manual"):
-                fields = _asked_by(self.home, node)
-                self.to.given[node.id] |= fields.union(written_objects(node, guarded.body))
-                self.to.formless.update(() if fields else (node.id,))
+                self.to.given[node.id] |= _asked_by(self.home, node).union(written_objects(node, guarded.body))
+                self.to.formless.update(() if is_whole(form_of(self.home, node.human)) else (node.id,))
         return node
 
     def _is_noticed(self, node: model.FlowNode, guarded: Guarded, code: str) -> bool:
@@ -287,7 +287,9 @@ class _Rewriter:
         asked = [_asked_by(home, node) for home, process in inside for node in process.body.walk()
                  if isinstance(node, model.Task) and node.kind in ("user", "manual")]  # fmt: skip
         writes = {name for process in processes for name in written_by(process)}.union(*asked)
-        is_open = not all(asked) or any(script_effects(node).open for one in processes for node in one.body.walk())
+        whole = all(is_whole(form_of(home, node.human)) for home, process in inside for node in process.body.walk()
+                    if isinstance(node, model.Task) and node.kind in ("user", "manual"))  # fmt: skip
+        is_open = not whole or any(script_effects(node).open for one in processes for node in one.body.walk())
         changes = self._with_aliases(name for process in processes for name in changed_by(process))
         changes |= self.to.facts.leaked
         used = self._with_aliases(name for process in processes for name in assigned_by(process))
