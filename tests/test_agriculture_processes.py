@@ -266,18 +266,15 @@ def whole(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Whole]:
         made.process.wait(60)
 
 
-def begun(whole: Whole, folder: Path, *robots: str) -> None:
-    """Wait until robots have a journal: they have been deployed to."""
-    until = time.monotonic() + 120
-    while not all(list((folder / "state" / robot).glob("journal-*")) for robot in robots):
-        assert time.monotonic() < until, whole.said.read_text()
-        time.sleep(0.1)
-    time.sleep(1)  # all robots have said that they have started
+def begun(whole: Whole) -> None:
+    """Wait until all robots run their mission: what ends before ends the run."""
+    for robot in ROBOTS:
+        whole.until(f"{robot} runs ")
 
 
 @pytest.mark.parametrize("whole", ["0.25"], indirect=True)  # on a busy machine, the mission must last for all restarts
-def test_a_run_starts_an_engine_again_three_times_at_most(whole: Whole, tmp_path: Path) -> None:
-    begun(whole, tmp_path, *ROBOTS)
+def test_a_run_starts_an_engine_again_three_times_at_most(whole: Whole) -> None:
+    begun(whole)
     for times in (1, 2, 3):
         whole.kill("engine", "Tractor_1")
         whole.until(f"it is started again ({times} of 3)")
@@ -289,8 +286,8 @@ def test_a_run_starts_an_engine_again_three_times_at_most(whole: Whole, tmp_path
     assert "Tractor_1 was killed by SIGKILL" in said.rpartition("it is started again")[2]
 
 
-def test_a_run_whose_world_ends_says_that_it_cannot_be_resumed(whole: Whole, tmp_path: Path) -> None:
-    begun(whole, tmp_path, *ROBOTS)
+def test_a_run_whose_world_ends_says_that_it_cannot_be_resumed(whole: Whole) -> None:
+    begun(whole)
     whole.kill("world")
     said = whole.end()
     assert whole.process.returncode == 1
