@@ -12,9 +12,9 @@ from urllib.request import urlopen
 
 import pytest
 from deployment_field import Field, definitions, process
-from domains import PROCESSES
 from free_ports import free_port
 from middleware_contract import needs
+from test_node_parameters import ros2
 
 from fame.errors import ConfigError
 from fame.fleet.diagnostics import ERROR, OK, TYPE, WARN
@@ -128,14 +128,12 @@ def test_prometheus_reads_what_a_mission_does() -> None:
 @needs("cyclonedds")
 @pytest.mark.skipif(shutil.which("ros2") is None, reason="ROS 2 is not sourced")
 def test_ros2_sees_the_topic_with_its_type() -> None:
-    environment = os.environ | {"ROS_DOMAIN_ID": str(PROCESSES), "PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))}
     words = [sys.executable, "-m", "fame", "engine", "REX", "--diagnostics"]
     with subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, text=True) as engine:
         assert engine.stderr is not None
         try:
             assert "waits for its process" in engine.stderr.readline()
-            listed = ["ros2", "topic", "list", "-t", "--no-daemon", "--spin-time", "2"]  # echo needs the package itself
-            done = subprocess.run(listed, env=environment, capture_output=True, text=True, timeout=60, check=False)
+            ros2(r".*/diagnostics \[diagnostic_msgs/msg/DiagnosticArray\].*", "topic", "list", "-t")
         finally:
             engine.send_signal(signal.SIGTERM)
-    assert "/diagnostics [diagnostic_msgs/msg/DiagnosticArray]" in done.stdout, done
