@@ -1,5 +1,6 @@
 """A team in processes has ended when each of its robots says so: here in simulated time, and in one process."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,9 @@ from deployment_field import ERROR, job
 
 from fame import Scenario
 from fame.clock import SECOND, Scheduler
-from fame.deploy import EngineNode
+from fame.deploy import Deployment, EngineNode
 from fame.deploy.authentication import ReportReader
-from fame.deploy.options import EngineOptions
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.deploy.signing import read_trusted
 from fame.middleware.local import LocalMiddleware
 from fame.scenario import DistributedTeam, Result, distributed
@@ -87,3 +88,18 @@ def test_of_a_robot_that_is_not_heard_until_the_duration_is_over_nothing_is_know
 def test_what_seems_over_when_the_duration_is_over_is_confirmed_first(run: Callable[..., Result]) -> None:
     assert run(1, "", duration=5.2).status == "completed"
     assert run(1, ERROR, deaf=(2, 6), duration=4.6).status == "failed"
+
+
+def test_on_a_busy_machine_it_waits_longer_for_answers(
+    run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: list[float] = []
+
+    class Noted(Deployment):
+        def __init__(self, *given: Any, options: DeploymentOptions, **named: Any) -> None:
+            waits.append(options.patience_of(2))
+            super().__init__(*given, options=options, **named)
+
+    monkeypatch.setattr(distributed, "Deployment", Noted)
+    monkeypatch.setattr(os, "getloadavg", lambda: (3.0 * (os.cpu_count() or 1), 0.0, 0.0))
+    assert (run(1, "").status, waits) == ("completed", [30.0])

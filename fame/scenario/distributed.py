@@ -31,6 +31,7 @@ from fame.deploy.signing import new_run_key, read_private, write_public
 from fame.middleware import messages, qos
 from fame.middleware.interface import LATCHED, Middleware, Publisher
 from fame.middleware.simulated_time import ClockFollower
+from fame.middleware.wire_base import load_of_machine
 from fame.robot.events import Event
 from fame.scenario.plan import Completion, OutsideSignal, published_from_outside
 from fame.scenario.process import (
@@ -340,7 +341,9 @@ class DistributedTeam:
             scheduler=self.scheduler,
             middleware=self.middleware,
             ended=self._deployed,
-            options=DeploymentOptions(robots=list(self.scenario.cast), library=self.scenario.library, key=self._key),
+            options=DeploymentOptions(
+                robots=[*self.scenario.cast], library=self.scenario.library, load=load_of_machine(), key=self._key
+            ),
         )
         self._deployment.begin()
 
