@@ -385,6 +385,9 @@ ANEW = {
         start() + user("w") + user("v") + path("s w v") + noting("v", timer("PT9S")),
         "closes b",
     ),
+    "with a name": (
+        AT_TASK + noting("w", timer("PT9S"), name="late"), AT_TASK + noting("w", signal("A")), 'arms "late" (b) anew'
+    ),
 }  # fmt: skip
 
 

@@ -74,21 +74,21 @@ class ArmedEvents:
         return found
 
     def changes(self, target: Callable[[str], str], now: Collection[str]) -> Iterator[tuple[int, str, str]]:
-        """Yield the key of a token, and the new id of an event there that does not keep its state, with a text."""
+        """Yield the key of a token, and the new id of an event there that loses its state, with a text for it."""
         before, anew = {target(node.id) for node in self._old.nodes}, set[tuple[int, str]]()
         for key, owners in self._owners.items():
             element = self._new.by_key[key].id
             for owner in owners if element in before else ():
                 if (key, owner) not in self._kept:
                     anew.add((owner, element))
-        yield from ((owner, element, f"arms {element} anew") for owner, element in sorted(anew))
+        yield from ((owner, element, "arms {} anew") for owner, element in sorted(anew))
         named, kept = {(self._root(owner), element) for owner, element in anew}, set(self._kept.values())
         for wait in self._events:
             element, there = target(self._element(wait)), self._places.successor(wait["owner"])
             if wait["key"] in kept or there is None or element not in now:
                 continue
             if (self._root(there), element) not in named:
-                yield there, element, f"closes {element}"
+                yield there, element, "closes {}"
 
     def _root(self, key: int) -> int:
         *_, root = self._places.around(key)

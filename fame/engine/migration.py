@@ -322,8 +322,9 @@ class _Migration:
         """Move boundary events and event sub-processes with their tokens, and say at these which are armed anew."""
         events = ArmedEvents(self._places, self._old, self._new, self._node)
         events.move(self._plan.restart)
-        for key, element, change in events.changes(self._target, self._new_kinds):
-            index = self._listed(key)
+        for key, element, text in events.changes(self._target, self._new_kinds):
+            index, name = self._listed(key), self._names.get(element)
+            change = text.format(f'"{name}" ({element})' if name else element)
             if index is None:
                 self._add(element, "keep", reason=change)
             else:
