@@ -7,8 +7,9 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -304,6 +305,55 @@ def test_a_latched_message_is_shown_that_was_published_before(
     publisher.publish(messages.create(publisher.type, "hall"))
     assert main(["topic", "echo", "/map_name", "--duration", "2"]) == 0
     assert capsys.readouterr().out == "data: hall\n---\n"
+
+
+@pytest.fixture
+def speaking(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Lets commands find a topic ``/x`` on which these messages come, one each 0.1 s."""
+
+    def begin(type: str, *values: object) -> None:
+        scheduler = Scheduler()
+        middleware = LocalMiddleware(scheduler)
+        monkeypatch.setattr(ros, "connected", lambda arguments: nullcontext((scheduler, middleware)))
+        publisher = middleware.node("sensor").publisher("/x", type)
+        for number, value in enumerate(values):
+            scheduler.after(number * SECOND // 10, partial(publisher.publish, messages.create(type, value)))
+
+    return begin
+
+
+def test_a_rate_says_how_long_a_topic_has_been_silent(
+    speaking: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    speaking("std_msgs/msg/Float64", *range(20))
+    assert main(["topic", "hz", "/x", "--duration", "5.5"]) == 0
+    said = [line.partition("deviation 0.00")[2] for line in capsys.readouterr().out.splitlines()]
+    assert said == ["", "", *(f"; silent for {seconds} s" for seconds in range(1, 5))]
+    for count, code, last in ((0, 1, "/x: silent"), (1, 1, "/x: 1 message; silent for 2 s")):
+        speaking("std_msgs/msg/Float64", *range(count))
+        assert main(["topic", "hz", "/x", "--duration", "2"]) == code
+        assert capsys.readouterr().out.splitlines()[-1] == last
+    speaking("std_msgs/msg/Float64", *range(3))
+    assert main(["topic", "hz", "/x", "--duration", "2", "--count", "4"]) == 1
+
+
+def test_fewer_messages_than_asked_for_are_told(
+    speaking: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    speaking("std_msgs/msg/Float64", *range(3))
+    assert main(["topic", "echo", "/x", "--duration", "2", "--count", "4"]) == 1
+    assert capsys.readouterr().err == "fame: error: /x: received 3 of 4 messages\n"
+
+
+def test_a_drawing_tells_how_many_messages_it_could_not_use(
+    speaking: Callable[..., None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    short, whole = {"name": ["a"]}, {"name": ["a"], "effort": [1.0]}
+    for given, code in ((short, 1), (whole, 0)):
+        speaking(JOINT_STATE, short, short, given)
+        assert main(["topic", "plot", "/x:effort.a", "--duration", "1", "-o", str(tmp_path / "x.png")]) == code
+        assert f"/x effort.a: {3 - (given is whole)} not usable: effort has 0 values, not 1" in capsys.readouterr().err
 
 
 @pytest.mark.processes

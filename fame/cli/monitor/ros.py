@@ -202,7 +202,10 @@ def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
             scheduler.stop()
 
     offered = next((info.offered for info in middleware.graph() if info.name == arguments.topic), ())
-    return _listen(arguments, scheduler, middleware, type, on_message, requested_of(offered))  # latched ones, too
+    _listen(arguments, scheduler, middleware, type, on_message, requested_of(offered))  # latched ones, too
+    if left > 0:
+        raise MissionError(f"{arguments.topic}: received {arguments.count - left} of {arguments.count} messages")
+    return 0
 
 
 def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
@@ -219,13 +222,13 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
             scheduler.stop()
 
     def print_rate() -> None:
-        print(times.text() or f"{arguments.topic}: silent", flush=True)
+        print(f"{arguments.topic}: {times.text(scheduler.now / SECOND)}", flush=True)
         scheduler.after(SECOND, print_rate)
 
     scheduler.after(SECOND, print_rate)
-    code = _listen(arguments, scheduler, middleware, type, on_message, SENSOR_DATA)
-    print(times.text(float("inf")) or f"{arguments.topic}: silent", flush=True)
-    return code if len(times.times) > 1 else 1
+    _listen(arguments, scheduler, middleware, type, on_message, SENSOR_DATA)
+    print(f"{arguments.topic}: {times.text(scheduler.now / SECOND, inf)}", flush=True)
+    return 0 if len(times.times) >= max(2, arguments.count) else 1
 
 
 def _publish(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> int:
@@ -285,8 +288,13 @@ def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
     node = middleware.node("_fame_topic")
     series = [Series(node, scheduler, topic, types[topic], parse_path(path)) for topic, _, path in named]
     _run(arguments, scheduler)
-    if not any(each.stamps for each in series):
+    for each in series:
+        if each.unusable:
+            print(f"fame: {each.label}: {len(each.unusable)} not usable: {each.unusable[-1]}", file=sys.stderr)
+    if not any(each.stamps or each.unusable for each in series):
         raise MissionError("received no message on these topics")
+    if not any(each.stamps for each in series):
+        return 1
     plot_series(series, arguments.output, thresholds=arguments.threshold)
     print(f"{arguments.output}: {', '.join(f'{len(each.stamps)} samples of {each.label}' for each in series)}")
     return 0
@@ -302,13 +310,12 @@ def _type(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 
 def _listen(
     arguments: Namespace, scheduler: Scheduler, middleware: Middleware, type: str, on_message: Any, profile: QoS
-) -> int:
+) -> None:
     middleware.node("_fame_topic").subscription(arguments.topic, type, on_message, profile)
     try:
         _run(arguments, scheduler)
     except KeyboardInterrupt:
         print()
-    return 0
 
 
 def _run(arguments: Namespace, scheduler: Scheduler) -> None:

@@ -23,7 +23,7 @@ def type_of_topic(middleware: Middleware, topic: str) -> str:
         have = ", ".join(sorted(there)) or "none"
         raise MessageError(f"unknown topic {topic}; known are {have}")
     if len(info.types) > 1:
-        raise MessageError(f"topic {topic} has several types: {', '.join(info.types)}; name one with --type")
+        raise MessageError(f"topic {topic} has several types: {', '.join(info.types)}; it should have one")
     return info.types[0]
 
 
@@ -33,21 +33,25 @@ class MessageTimes:
 
     times: list[float] = field(default_factory=list)
 
-    def text(self, last: float = 10.0) -> str:
-        """Describe rate (Hz) and periods (ms) of the `last` seconds in one line; empty for fewer than two messages."""
-        times = np.array([time for time in self.times if time >= self.times[-1] - last]) if self.times else np.zeros(0)
+    def text(self, now: float, last: float = 10.0) -> str:
+        """Describe rate (Hz) and periods (ms) of the `last` seconds of messages in one line, and how long (s) none has
+        come `now`."""
+        if not self.times:
+            return "silent"
+        times = np.array([time for time in self.times if time >= self.times[-1] - last])
+        silent = f"; silent for {now - times[-1]:.0f} s" if now - times[-1] >= 1 else ""
         if len(times) < 2:
-            return ""
+            return f"1 message{silent}"
         periods = 1000 * np.diff(times)
         rate = 1000 / periods.mean() if periods.mean() > 0 else float("inf")
         return (
             f"{rate:.2f} Hz over {len(times)} messages; period {periods.mean():.2f} ms, "
-            f"from {periods.min():.2f} to {periods.max():.2f}, deviation {periods.std():.2f}"
+            f"from {periods.min():.2f} to {periods.max():.2f}, deviation {periods.std():.2f}{silent}"
         )
 
 
 class Series:
-    """One or more numbers over time, at a path in the messages of a topic."""
+    """One or more numbers over time, at a path in the messages of a topic. `unusable`: why some messages were not."""
 
     label: str
 
@@ -58,12 +62,14 @@ class Series:
         self.stamps: list[float] = []
         self.values: list[Any] = []
         self.names: tuple[str, ...] = ()
+        self.unusable: list[str] = []
         node.subscription(topic, type, self._on_message, SENSOR_DATA)
 
     def _on_message(self, message: Any) -> None:
         try:
             value, self.names = self._read(message)
-        except UnusableMessage:
+        except UnusableMessage as reason:
+            self.unusable.append(str(reason))
             return
         stamp = (stamp_of(message) if self._stamped else 0.0) or self._scheduler.now / SECOND
         self.stamps.append(stamp)
