@@ -32,7 +32,8 @@ class EngineState:
     inclusive       scopes in which an inclusive join has an arrival
     cancelling      continuations of cancelled scripts that have not ended, by key of the script
     instances       running instances, by key
-    waiting_starts  queued triggers of a process that runs as many instances as it may
+    waiting_starts  queued triggers of a process that is held, or runs as many instances as it may
+    missed          how often a suspended timer has come due, for a report, by key
     gathered        triggers of parallel multiple start events that are not complete
     armed_starts    start events with a timer, by key
     suspensions     scopes that were suspended since the loop last looked at the bound of a livelock
@@ -63,6 +64,7 @@ class EngineState:
         self.cancelling: dict[int, Continuation] = {}
         self.instances: dict[int, Instance] = {}
         self.waiting_starts: dict[Node, deque[tuple[int, Any]]] = {}
+        self.missed: Counter[int] = Counter()
         self.gathered: dict[Node, list[Gathered]] = {}
         self.armed_starts: dict[int, Node] = {}
         self.suspensions = 0
@@ -91,6 +93,7 @@ class EngineState:
         self.armed_starts.clear()
         self.held = None
         self.waiting_starts.clear()
+        self.missed.clear()
         self.gathered.clear()
 
     def notify(self, scope: Scope, mark: Mark) -> None:

@@ -170,4 +170,5 @@ def _fire_due(engine: EngineState, waits: list[Wait]) -> None:
     due = [wait for wait in waits if wait.due and not wait.paused]
     for wait in sorted(due, key=attrgetter("due")):
         wait.due = 0
+        waiting.report_missed(engine, wait.key, wait.node)
         waiting.fire(engine, wait)

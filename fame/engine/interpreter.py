@@ -233,7 +233,9 @@ class Engine(EngineState):
 
     def release(self) -> None:
         """Continue after `hold`, whose scripts must have ended."""
-        handlers.release(self)
+        if self.held is not None:
+            handlers.release(self)
+            starts.begin_kept(self)
         self.run()
 
     def stop(self) -> None:

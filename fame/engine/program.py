@@ -141,6 +141,11 @@ class Catch:
     interrupting: bool = True
     resume: bool = False
 
+    @property
+    def kept(self) -> int:
+        """How many triggers of a start event are kept at most: that of a timer is, while the engine is held."""
+        return self.queue or 1
+
 
 @dataclass(slots=True)
 class FaultCatch:

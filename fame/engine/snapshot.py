@@ -267,4 +267,4 @@ def _derived(data: Data, of: Reader) -> None:
         wait.catch = AT_INCIDENT
     for node, kept in engine.waiting_starts.items():
         assert node.catch is not None
-        engine.waiting_starts[node] = deque(kept, node.catch.queue)
+        engine.waiting_starts[node] = deque(kept, node.catch.kept)

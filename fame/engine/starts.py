@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any
 
 from fame.bpmn import model
@@ -45,7 +46,7 @@ def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | Non
 def trigger(engine: EngineState, node: Node, message: Any) -> None:
     """Handle a trigger of a start event: start an instance, keep the trigger, or drop it."""
     if engine.held is not None:
-        engine.host.report(node.id, "trigger dropped: the robot is on hold")
+        _keep_held(engine, node, message)
         return
     if engine.starts_no_more:
         return
@@ -58,16 +59,42 @@ def trigger(engine: EngineState, node: Node, message: Any) -> None:
     limit = engine.program.instances
     if limit is None or len(engine.instances) < limit:
         _begin(engine, node, arrived)
-    elif queue := _catch(node).queue:
-        kept = engine.waiting_starts.setdefault(node, deque(maxlen=queue))
-        kept.append((engine.new_key(), message))
+    elif _catch(node).queue:
+        _keep(engine, node, message)
     else:
         text = f"trigger dropped: {limit} instance(s) of {engine.program.process} are already running"
         engine.host.report(node.id, text)
 
 
+def _keep(engine: EngineState, node: Node, message: Any) -> None:
+    engine.waiting_starts.setdefault(node, deque(maxlen=_catch(node).kept)).append((engine.new_key(), message))
+
+
+def _keep_held(engine: EngineState, node: Node, message: Any) -> None:
+    """Keep a trigger until the engine is released: that of a timer once for all its times, a message in its queue."""
+    if _catch(node).trigger is waiting.TIMER:
+        if node not in engine.waiting_starts:
+            _keep(engine, node, message)
+        waiting.count_missed(engine, engine.waiting_starts[node][0][0])
+    elif _catch(node).queue:
+        _keep(engine, node, message)
+    else:
+        engine.host.report(node.id, "trigger dropped: the robot is on hold")
+
+
+def begin_kept(engine: EngineState) -> None:
+    """Handle the triggers that are kept, the oldest first, after the engine was held."""
+    kept = [(key, node, message) for node, items in engine.waiting_starts.items() for key, message in items]
+    engine.waiting_starts.clear()
+    for key, node, message in sorted(kept, key=itemgetter(0)):
+        waiting.report_missed(engine, key, node)
+        trigger(engine, node, message)
+
+
 def begin_waiting(engine: EngineState) -> None:
     """Start the next instance with the trigger that has waited longest, after one has ended."""
+    if engine.held is not None:
+        return
     waiting_starts = engine.waiting_starts
     node = min(waiting_starts, key=lambda start: waiting_starts[start][0][0])
     _, message = waiting_starts[node].popleft()

@@ -86,6 +86,8 @@ def fire(engine: EngineState, wait: Wait) -> None:
         return
     if wait.paused:
         wait.due = wait.due or engine.new_key()
+        if wait.catch.trigger is TIMER:
+            count_missed(engine, wait.key)
         return
     react = wait.catch.fire
     react(engine, wait)
@@ -247,6 +249,7 @@ def set_timer(engine: EngineState, wait: Wait) -> None:
 
 
 def cancel_timer(engine: EngineState, wait: Wait) -> None:
+    engine.missed.pop(wait.key, None)
     if engine.waits.pop(wait.key, None) is not None:
         engine.host.cancel_timer(wait.key)
 
@@ -255,6 +258,17 @@ def set_timer_again(engine: EngineState, wait: Wait) -> None:
     """Set the timer of a handler again if it has fired. Other timers run on while they are suspended."""
     if wait.catch.resume and wait.key not in engine.waits:
         set_timer(engine, wait)
+
+
+def count_missed(engine: EngineState, key: int) -> None:
+    """Count that a timer came due while it was suspended."""
+    engine.missed[key] += 1
+
+
+def report_missed(engine: EngineState, key: int, node: Node) -> None:
+    """Report that a timer fires once for several times that were missed."""
+    if (times := engine.missed.pop(key, 0)) > 1:
+        engine.host.report(node.id, f"came due {times} times while suspended: fires once")
 
 
 # ---- conditions ----------------------------------------------------------------------------------

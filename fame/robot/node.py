@@ -255,7 +255,10 @@ class RobotNode:
     def has_failed(self) -> bool:
         """Whether the mission is over by a failure: nothing runs, and nothing will start."""
         return self.host.failed > 0 and not (
-            self.engine.instances or self.engine.program.starts or self.engine.armed_starts
+            self.engine.instances
+            or self.engine.program.starts
+            or self.engine.armed_starts
+            or self.engine.waiting_starts
         )
 
     @property
@@ -266,6 +269,8 @@ class RobotNode:
     @property
     def pending_starts(self) -> PendingStarts:
         """Whether a timer will still start an instance."""
+        if self.engine.waiting_starts:
+            return "due"
         starts = self._starts_due()
         if not starts:
             return ""

@@ -268,6 +268,8 @@ class WaitingTokens:
             by_date = start.catch is not None and start.catch.timer == "date"
             moment = date_text(date_at(epoch, time)) if by_date else f"{time / SECOND:g} s"
             yield WaitingToken(self._robot, start.id, sentence("start_at", moment=moment))
+        for start in engine.waiting_starts if engine.held is not None else ():
+            yield WaitingToken(self._robot, start.id, sentence("due", why=sentence("came_due")))
         publishers = self._publishers() if by_message else {}
         for topic, nodes in engine.program.starts.items() if by_message else ():
             full = resolve(topic, self._node.namespace)

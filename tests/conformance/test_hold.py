@@ -1,7 +1,26 @@
 """A host may hold all that runs, and release it: as a suspension of all, whatever is suspended in it already."""
 
+from collections.abc import Callable
+
 import pytest
-from engine_models import Run, boundary, catch, condition, end, handler, path, script, signal, start, throw, timer, user
+from engine_models import (
+    Run,
+    boundary,
+    catch,
+    condition,
+    end,
+    handler,
+    message,
+    path,
+    process,
+    properties,
+    script,
+    signal,
+    start,
+    throw,
+    timer,
+    user,
+)
 
 from fame.errors import MissionError
 
@@ -86,3 +105,44 @@ def test_a_script_that_leaves_slowly_is_waited_for() -> None:
     assert run.run(3.5).variables["i"] == 1
     assert run.run(4.5).variables["i"] == 2
     assert run.run().status == "completed"
+
+
+@pytest.mark.parametrize("after", ["straight", "restored", "recorded"])
+@pytest.mark.parametrize(
+    ("kind", "text", "times"), [("Duration", "PT5S", 0), ("Cycle", "R3/PT2S", 3), ("Cycle", "R/PT2S", 4)]
+)
+def test_a_timer_that_starts_instances_starts_one_afterwards_for_all_its_times(
+    kind: str, text: str, times: int, after: str
+) -> None:
+    run = Run(process(start("s", timer(text, kind)) + end() + path("s e")), after=after).run(1)
+    run.node.hold()
+    assert run.run(9).simulation.instances == []
+    assert run.node.pending_starts == "due"
+    assert "robot waits at s for the end of its suspension: it has come due" in map(str, run.node.waiting_tokens())
+    run.node.release()
+    assert [each.status for each in run.simulation.instances] == ["completed"]
+    said = [f"came due {times} times while suspended: fires once"] if times and after != "restored" else []
+    assert run.reports == said  # a restarted engine counts anew
+    assert len(run.run(10.5).simulation.instances) == (2 if text == "R/PT2S" else 1)
+
+
+@pytest.mark.parametrize("after", ["straight", "restored", "recorded"])
+@pytest.mark.parametrize("definition", [signal, message])
+def test_a_start_event_with_a_queue_keeps_messages_meanwhile(definition: Callable[[str], str], after: str) -> None:
+    content = start("s", properties(queue=2), definition("A")) + user("u") + path("s u")
+    run = Run(process(content, instances=1), after=after).run()
+    run.node.hold()
+    run.signal("A").signal("A").signal("A").node.release()
+    assert len(run.run().simulation.instances) == 1
+    assert len(run.complete("u").run().simulation.instances) == 2
+    assert len(run.complete("u").run().simulation.instances) == 2
+
+
+def test_a_boundary_timer_fires_once_afterwards_for_all_its_times() -> None:
+    event = boundary("b", "u", timer("R5/PT2S", "Cycle"), interrupting=False)
+    run = Run(start() + user("u") + event + end("f") + path("s u") + path("b f")).run(1)
+    run.node.hold()
+    run.run(7).node.release()
+    assert run.run(7.5).visits["f"] == 1
+    assert run.reports == ["came due 3 times while suspended: fires once"]
+    assert run.run(20).visits["f"] == 3

@@ -64,6 +64,7 @@ FOLLOWS: dict[type, set[str]] = {
     EngineState: {
         "program", "host", "new_variables", "on_incident", "settled", "at_once", "parameters",  # the host's
         "instances", "ready", "unsettled", "suspensions", "starts_no_more", "restored",  # a list of its own
+        "missed",  # a report's
         "_trail", "place", "emit",  # nothing between two stimuli
     },
 }  # fmt: skip

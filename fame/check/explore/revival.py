@@ -138,7 +138,7 @@ class Revival:
         engine, decode = self.engine, self.forms.decode
         for node, kept in waiting:
             messages = ((rank, decode(message)) for rank, message in kept)
-            engine.waiting_starts[node] = deque(messages, maxlen=node.catch.queue)
+            engine.waiting_starts[node] = deque(messages, maxlen=node.catch.kept)
         for whole, sets in gathered:
             engine.gathered[whole] = [
                 (decode(keys), {one: decode(message) for one, message in found}) for keys, found in sets
