@@ -101,6 +101,12 @@ def test_an_element_of_another_kind_begins_there_if_the_plan_says_so() -> None:
     assert (new.waiting, new.instance.variables["x"]) == (["b"], 7)
 
 
+def test_a_plan_that_puts_a_token_at_a_boundary_event_is_refused() -> None:
+    content = TWO + boundary("x", "b", signal("A"), interrupting=False)
+    with pytest.raises(MissionError, match="a: x is a boundary event signal, not a user task"):
+        Migrated(Run(content).run(), content, {"elements": {"a": {"to": "x"}}})
+
+
 def test_a_catching_event_keeps_its_place_and_listens_on_its_new_topic() -> None:
     old = Run(start() + catch("c", signal("A")) + end() + path("s c e")).run()
     new = Migrated(old, start() + catch("c", signal("B")) + end() + path("s c e"))

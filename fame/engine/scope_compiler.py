@@ -383,14 +383,14 @@ def instantiates(node: model.FlowNode) -> bool:
 
 def begins(node: model.FlowNode) -> bool:
     """Return whether an element starts a body without start event (standard 13.2)."""
-    if node.incoming or node.place == "boundary" or (node.place == "catch" and links_of(node)):
+    if node.incoming or (node.place == "catch" and links_of(node)):
         return False
     return is_reached(node)
 
 
 def is_reached(node: model.FlowNode) -> bool:
-    """Return whether sequence flow can reach an element: it is no event sub-process or compensation handler."""
-    return not (node.for_compensation or node.triggered_by_event)
+    """Return whether a token can come to an element: no event sub-process, compensation handler or boundary event."""
+    return not (node.for_compensation or node.triggered_by_event or node.place == "boundary")
 
 
 def links_of(node: model.FlowNode) -> set[str]:
