@@ -251,7 +251,7 @@ REFUSED = {
     "timer events cannot be end events: they can be start, catch, boundary": event("timer", "end"),
     "a parallel multiple event cannot wait for an error":
         event("parallel multiple", "boundary").replace(DEFINITIONS["signal"], DEFINITIONS["error"]),
-    "nothing can be thrown after what ends the token: put it last":
+    "nothing can be thrown after what ends or moves the token: put it last":
         event("multiple", "end").replace(DEFINITIONS["message"], DEFINITIONS["error"]),
     "a compensation event needs one handler; it has 0":
         event("compensation", "boundary").replace("<association", "<association associationDirection='None'")

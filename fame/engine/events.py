@@ -202,8 +202,8 @@ def throwing(context: ScopeCompiler, event: model.Event) -> None:
     first = last = context.counted(context.node(event, steps.pass_on))
     context.watch(first)
     for number, definition in enumerate(event.definitions):
-        if last.step in _ENDING:
-            context.refuse("nothing can be thrown after what ends the token: put it last", event)
+        if last.step in _ENDING or any(isinstance(one, model.LinkDefinition) for one in event.definitions[:number]):
+            context.refuse("nothing can be thrown after what ends or moves the token: put it last", event)
         last.next = _thrown(context, event, definition, steps.pass_on, f"/{number}")
         last = last.next
         last.part_of = first

@@ -46,6 +46,9 @@ def test_a_multiple_end_event_may_end_with_an_error(play: Play) -> None:
 def test_nothing_can_follow_what_ends_the_token() -> None:
     with pytest.raises(ModelError, match="put it last"):
         Run(start() + end("x", TERMINATE, signal("A")) + path("s x"))
+    link = '<linkEventDefinition name="L"/>'
+    with pytest.raises(ModelError, match="put it last"):  # the signal was not thrown
+        Run(start() + throw("x", link, signal("A")) + catch("c", link) + end() + path("s x") + path("c e"))
 
 
 BEGINNING = gateway("eventBased", "g", instantiate="true") + catch("a", signal("A")) + catch("b", signal("B"))
