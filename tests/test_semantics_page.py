@@ -261,7 +261,7 @@ REFUSED = {
         "</boundaryEvent>",
     "its scope has another event sub-process for compensation: expected one": START
         + f'<subProcess id="w">{"".join(map(COMPENSATING.format, "ab"))}</subProcess>' + flow("s", "w"),
-    "its activityRef is 'A': expected an activity of its scope; known are: a":
+    "its activityRef is 'A': expected an activity of its scope; did you mean 'a'?":
         START + '<task id="a"/><endEvent id="x"><compensateEventDefinition activityRef="A"/></endEvent>'
         + flow("s", "a", "x"),
     "link 'l' has 0 catching events in this scope; it needs one":
