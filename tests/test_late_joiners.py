@@ -73,3 +73,5 @@ def test_a_robot_that_had_the_model_before_is_told_so():
     assert after(*WAIT, Polled(0), supplied=frozenset({"B"})) == [Supply(("A", "B"), frozenset({"B"}))]
     again = after(WAIT[0], Polled(0), RobotStarted("A"), DeploymentEnded(), WAIT[0], Polled(SECOND))
     assert again == [Supply(("A",), frozenset({"A"}))]
+    by_report = after(Reported("A", "running", ours=True), Left("A"), WAIT[0], Polled(0))
+    assert by_report == [Supply(("A",), frozenset({"A"}))]  # the answer that it had started came too late

@@ -107,6 +107,7 @@ class Field:
         self.node = self.middleware.node("person")
         self.diagrams = self.node.publisher(DIAGRAM, STRING)
         self.said: dict[str, list[Report]] = {}
+        self.ended = set[int]()
         self.world: dict = {}
         self.roles: dict[int, str] = {}
         self.node.subscription(
@@ -156,13 +157,17 @@ class Field:
         self.until(told, f"{robot} to refuse: {reason}")
 
     def kill(self, process: Process) -> None:
+        """Kill a process; what an engine has said before, and is heard late, does not count."""
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
+        robots = [robot for robot, engine in self.engines.items() if engine is process]
+        self.ended |= {report.born for robot in robots for report in self.said[robot]}
 
     def _hear(self, robot: str, message) -> None:
         report = Report.from_json(message.data)
         assert report is not None
-        self.said[robot].append(report)
+        if report.born not in self.ended:
+            self.said[robot].append(report)
 
     def _hear_splitter(self, message) -> None:
         said = json.loads(message.data)

@@ -132,7 +132,8 @@ def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tup
         case Reported(robot, reported, ours):
             state = _placed(state, robot, ours)
             waiting = state.waiting | {robot} if reported == "waiting" else state.waiting - {robot}
-            state = replace(state, waiting=waiting)
+            supplied = state.supplied | {robot} if ours else state.supplied  # also if nobody has heard that it started
+            state = replace(state, waiting=waiting, supplied=supplied)
             return state, (Withdraw(),) if state.deploying and _has_gone_on(state) else ()
         case Left(robot):
             state = _placed(state, robot, None)
