@@ -16,7 +16,8 @@ import fame
 from fame.bpmn import read_text
 from fame.bpmn.library import BUILT_IN
 from fame.bpmn.model import Definitions
-from fame.clock import SECOND, Scheduler
+from fame.clock import SECOND, Scheduler, WallScheduler
+from fame.config.loader import find_object
 from fame.errors import MissingTypeError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
@@ -26,6 +27,8 @@ from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.blindness import Blindness
 from fame.monitor.pipeline.detectors import ChannelAutoencoders
 from fame.monitor.pipeline.trained_model import LEAST_MOVEMENT, TrainedModel
+from fame.robot import RobotNode, make_mission
+from fame.robot.options import RobotOptions
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ROBOT = "robot"
@@ -299,6 +302,62 @@ def test_a_unit_with_a_wrong_configuration_is_an_error_of_the_mission(tmp_path: 
         (instance,) = sim.instances
         assert instance.status == "failed"
         assert reason in str(instance.error)
+
+
+SLOW = """
+import threading
+BEGUN, GATE, CLOSED = threading.Event(), threading.Event(), []
+
+class Slow:
+    outputs = ("value",)
+
+    def __init__(self):
+        BEGUN.set()
+        if not GATE.wait(5):
+            raise TimeoutError("nothing went on while this was loaded")
+
+    def execute(self, inputs):
+        return None
+
+    def close(self):
+        CLOSED.append(self)
+"""
+SLOWLY = """
+Inputs: {In: {Topic: joint_states, Field: [effort], MessageType: sensor_msgs/msg/JointState}}
+Outputs: {Out: {Topic: out, Field: data, MessageType: std_msgs/msg/Float64}}
+Processor: "slow.py:Slow"
+"""
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_mission_goes_on_while_a_unit_is_loaded_also_to_its_end(tmp_path: Path, ends: bool) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    (tmp_path / "slowly.yaml").write_text(SLOWLY)
+    begun, gate, closed = (find_object(f"slow.py:{name}", tmp_path) for name in ("BEGUN", "GATE", "CLOSED"))
+    unit = call("U", "ProcessingUnit", configuration="slowly.yaml")
+    end = '<endEvent id="e"><terminateEventDefinition id="te"/></endEvent>' if ends else '<endEvent id="e"/>'
+    beat = '<scriptTask id="beat"><script>await sleep(0.01)\nsignal("beat")</script></scriptTask>'
+    definitions = read_text(process(
+        f'<startEvent id="s"/><parallelGateway id="g"/>{unit}{beat}{end}{flow("s", "g", "U")}{flow("g", "beat", "e")}',
+        '<signal id="S" name="beat"/>',
+    ))  # fmt: skip
+    scheduler = WallScheduler()
+    middleware = LocalMiddleware(scheduler)
+    middleware.node("other").subscription("/beat", "std_msgs/msg/Empty", lambda message: gate.set())
+    robot = RobotNode(
+        ROBOT, make_mission(definitions, definitions.processes[0]), scheduler=scheduler, middleware=middleware,
+        options=RobotOptions(files=tmp_path),
+    )  # fmt: skip
+    robot.load()
+    robot.start()
+    loaded = lambda: closed if ends else any(info.name == f"/{ROBOT}/out" for info in middleware.graph())  # noqa: E731
+    for _ in range(1000):
+        if not loaded():
+            scheduler.run(scheduler.now + SECOND // 100)
+    assert begun.is_set()
+    assert loaded()
+    assert (robot.instances[0].status, robot.instances[0].error) == ("completed" if ends else "running", None)
+    robot.close()
 
 
 def test_parameters_and_namespace_come_from_the_data_object(tmp_path: Path) -> None:

@@ -7,9 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from bpmn_text import process
@@ -17,13 +18,13 @@ from middleware_contract import DOMAIN, dds_world, needs
 
 from fame.bpmn.reader import read_text
 from fame.cli import main
-from fame.clock import SECOND, Kind, Scheduler
+from fame.clock import SECOND, Kind, Scheduler, WallScheduler
 from fame.log.recording import scene_values
 from fame.log.team_recorder import WORLD_SCENE
 from fame.middleware.interface import Node
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create, nanoseconds
-from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, ClockFollower, clock_message
+from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, ClockFollower, Lockstep, clock_message
 from fame.robot import RobotNode, make_mission
 from fame.robot.options import RobotOptions
 from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldNode
@@ -60,6 +61,23 @@ class Clock:
 @pytest.fixture
 def clock() -> Clock:
     return Clock()
+
+
+def test_work_beside_a_follower_does_not_hold_it_unless_the_world_waits_for_it_too() -> None:
+    wall = WallScheduler()
+    middleware = LocalMiddleware(wall)
+    done: list[tuple[str, Exception | None]] = []
+    for waits in (False, True):
+        follower = ClockFollower(wall)
+        if waits:
+            follower.subscribe_in_lockstep(middleware.node("robot"), cast(Lockstep, None))
+        else:
+            follower.subscribe(middleware.node("robot"))
+        worker = follower.worker("beside")
+        worker.call(lambda: threading.current_thread().name, lambda name, error: done.append((name, error)))
+        worker.close()
+        wall.run(wall.now)
+    assert done == [("beside", None), (threading.current_thread().name, None)]
 
 
 def test_timers_are_due_when_the_clock_says_so_in_their_order(clock: Clock) -> None:

@@ -19,6 +19,7 @@ from fame.clock import SECOND, Action, Entry, Kind, Scheduler
 from fame.middleware import messages
 from fame.middleware.interface import AnyMessage, EndpointWarning, Node, QoS
 from fame.middleware.wire_base import WireMiddleware, WireNode
+from fame.worker import Worker
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 CLOCK_QOS = QoS(depth=10)
@@ -85,7 +86,7 @@ class ClockFollower(Scheduler):
         self._reported_at: int | None = None  # when a jump was reported, ns of the wall clock
         self._offset = 0  # how far our time is ahead of the clock, ns
         self._goal = 0  # how far our time may go, ns
-        self._scheduled = False
+        self._scheduled = self._in_lockstep = False
 
     @property
     def known(self) -> bool:
@@ -97,6 +98,10 @@ class ClockFollower(Scheduler):
         if entry.time <= self.now and not self._running:
             self._schedule()
         return entry
+
+    def worker(self, name: str) -> Worker:
+        """Return a worker: in lockstep its work takes no time, as the world waits; else the clock goes on meanwhile."""
+        return super().worker(name) if self._in_lockstep else self._wall.worker(name)
 
     def on_clock(self, time: int) -> None:
         """Advance to the time of the clock (ns)."""
@@ -121,6 +126,7 @@ class ClockFollower(Scheduler):
 
         A world repeats a step for an engine that has come back: engines that have done it report it again.
         """
+        self._in_lockstep = True
         done = node.publisher(STEP_DONE, STEP_DONE_TYPE)
         last, begun = -1, False
 

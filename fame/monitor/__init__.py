@@ -2,7 +2,7 @@
 
 pipeline    processors, the nodes that run them, recording, training
 anomaly     learn what a repetitive task of an arm looks like; raise an alarm when a run differs
-services    the services of both, for service tasks of a mission
+services    the services of both, for service tasks of a mission; `loading` of what takes long
 calibration thresholds that promise a rate of false alarms
 judge       `fame monitor judge`, with `judge_report`; drift: slow changes over runs
 comparison  two models on the same recordings; copies: runs that are copies of others

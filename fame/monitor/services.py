@@ -13,7 +13,7 @@ the mission's model.
 ``adm_operate``  watch an arm and raise the signal `anomaly`: `model`, `threshold`, `points`, `rule`, `topic`, `field`
 ``watch_property``  watch a property of the team and raise the signal ``violated/NAME``: `property` (NAME), `sentence`
 
-Modules with heavy dependencies are imported when a service is started.
+Modules with heavy dependencies are imported when a service is started, beside the engine (`LoadingService`).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from fame.config.loader import find_object
 from fame.engine.host import BpmnError
 from fame.errors import ConfigError, FameError, MissionError, UnavailableError
 from fame.middleware.typesystem import STRING
+from fame.monitor.loading import LoadingService
 from fame.robot.services import (
     CommandService,
     MissingFileError,
@@ -39,10 +40,12 @@ from fame.robot.services import (
 )
 
 if TYPE_CHECKING:
+    from fame.monitor.anomaly.live import RunMonitor
     from fame.monitor.anomaly.nodes import ArmOptions
     from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
     from fame.monitor.pipeline.node import ProcessingNode
+    from fame.monitor.pipeline.processor import SupportsExecute
     from fame.monitor.pipeline.processors import FindObject
 
 BLIND = "continue", "wait", "error"
@@ -75,15 +78,21 @@ class MonitorService(_NodeService):
 
     _node: ProcessingNode
 
-    def __init__(self, context: ServiceContext, variables: dict[str, Any], configuration: Configuration) -> None:
+    def __init__(
+        self,
+        context: ServiceContext,
+        variables: dict[str, Any],
+        configuration: Configuration,
+        processors: Sequence[SupportsExecute],
+    ) -> None:
         from fame.monitor.pipeline.node import ProcessingNode
 
         self._context, self._variables, self._closed = context, variables, False
         self._then, self._reason = _choice(variables, "blind", BLIND), ""
         self._name = configuration.name
         self._node = ProcessingNode(
-            context.middleware, context.scheduler, configuration, namespace=_namespace(context, variables),
-            report=context.report, on_blind=self._on_blind,
+            context.middleware, context.scheduler, configuration, processors=processors,
+            namespace=_namespace(context, variables), report=context.report, on_blind=self._on_blind,
         )  # fmt: skip
 
     def results(self) -> None:
@@ -108,24 +117,42 @@ class MonitorService(_NodeService):
 
 
 def process(context: ServiceContext, variables: dict[str, Any]) -> RunningService:
-    from fame.monitor.pipeline.configuration import load
+    file, given = _configuration_file(context.folder, variables), _parameters(variables)
 
-    configuration = load(_configuration_file(context.folder, variables))
-    configuration = _with_parameters(configuration, _parameters(variables), context.folder)
-    return MonitorService(context, variables, configuration)
+    def loaded() -> tuple[Configuration, list[SupportsExecute]]:
+        import fame.monitor.pipeline.node  # noqa: F401 (which `MonitorService` needs)
+        from fame.monitor.pipeline.configuration import load
+        from fame.monitor.pipeline.processors import make_processors
+
+        configuration = _with_parameters(load(file), given, context.folder)
+        return configuration, make_processors(configuration)
+
+    def discard(made: tuple[Configuration, list[SupportsExecute]]) -> None:
+        from fame.monitor.pipeline.processors import close_processors
+
+        close_processors(made[1])
+
+    return LoadingService(context, loaded, lambda made: MonitorService(context, variables, *made), discard)
 
 
 def record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     """Record until the scope ends. An existing CSV file is continued with the next run."""
-    from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
-
     places = [place if "://" in str(place) else context.folder / str(place) for place in _outputs(variables)]
-    node = RecordingNode(
-        context.middleware, context.scheduler, load(_configuration_file(context.folder, variables)), places,
-        RecordingOptions(namespace=_namespace(context, variables), append=True, report=context.report),
-    )  # fmt: skip
-    return _NodeService(node)
+    file = _configuration_file(context.folder, variables)
+
+    def loaded() -> Configuration:
+        import fame.monitor.pipeline.recording  # noqa: F401 (which `start` needs)
+        from fame.monitor.pipeline.configuration import load
+
+        return load(file)
+
+    def start(configuration: Configuration) -> RunningService:
+        from fame.monitor.pipeline.recording import RecordingNode, RecordingOptions
+
+        options = RecordingOptions(namespace=_namespace(context, variables), append=True, report=context.report)
+        return _NodeService(RecordingNode(context.middleware, context.scheduler, configuration, places, options))
+
+    return LoadingService(context, loaded, start)
 
 
 def train(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
@@ -318,14 +345,22 @@ class CollectService:
 
 
 def adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
-    from fame.monitor.anomaly.live import RunMonitor
-    from fame.monitor.anomaly.model import Model
-    from fame.monitor.anomaly.nodes import OperateNode
+    threshold, rule, points = _threshold(variables), _rule(variables), variable(variables, "points", 0, type=int)
+    file = context.folder / variable(variables, "model", type=str)
 
-    threshold = _threshold(variables)
-    model = Model.load(context.folder / variable(variables, "model", type=str))
-    monitor = RunMonitor(model, threshold, _rule(variables), variable(variables, "points", 0, type=int))
-    return _NodeService(OperateNode(context.middleware, context.scheduler, monitor, _arm(context, variables)))
+    def loaded() -> RunMonitor:
+        import fame.monitor.anomaly.nodes  # noqa: F401 (which `start` needs)
+        from fame.monitor.anomaly.live import RunMonitor
+        from fame.monitor.anomaly.model import Model
+
+        return RunMonitor(Model.load(file), threshold, rule, points)
+
+    def start(monitor: RunMonitor) -> RunningService:
+        from fame.monitor.anomaly.nodes import OperateNode
+
+        return _NodeService(OperateNode(context.middleware, context.scheduler, monitor, _arm(context, variables)))
+
+    return LoadingService(context, loaded, start)
 
 
 def adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:

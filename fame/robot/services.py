@@ -79,7 +79,8 @@ StartService: TypeAlias = Callable[[ServiceContext, dict[str, Any]], RunningServ
 
 
 class CommandService:
-    """A `fame` command in a process of its own, beside the engine. It takes no simulated time.
+    """A `fame` command in a process of its own, beside the engine. It takes no simulated time, but that of a world that
+    does not wait for it.
 
     `results` turns the object that the command prints with ``--json`` into variables.
     """

@@ -27,7 +27,7 @@ from fame.monitor.pipeline.input_node import InputNode, ThrottledReport, listen
 from fame.monitor.pipeline.join import Joiner
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.processors import as_samples, assign, make_processors, pair
+from fame.monitor.pipeline.processors import as_samples, assign, close_processors, make_processors, pair
 from fame.monitor.pipeline.run_trigger import RunTracker
 
 _LAST_SECOND = 2.0**31
@@ -161,10 +161,7 @@ class ProcessingNode(InputNode):
         """Close all endpoints, and what its processors have opened."""
         for entry in self._entries:
             entry.cancel()
-        for processor in self.processors:
-            close = getattr(processor, "close", None)
-            if close is not None:
-                close()
+        close_processors(self.processors)
         super().close()
 
     def set(self, name: str, value: Any) -> Any:

@@ -34,6 +34,14 @@ def make_processors(configuration: Configuration) -> list[Any]:
     return made
 
 
+def close_processors(processors: Sequence[Any]) -> None:
+    """Close what processors have opened."""
+    for processor in processors:
+        close = getattr(processor, "close", None)
+        if close is not None:
+            close()
+
+
 def check_processors(configuration: Configuration) -> None:
     """Refuse processors that cannot be made, or that do not fit together, before anything runs.
 
