@@ -154,7 +154,11 @@ AGAIN = (*ASIDE, Loaded(), told("abort", SECOND), LoadDue(), Loaded(), Matched()
         ((*READY, Received(FIRST)), [Reply("ready", "d1", repeated=True)]),
         ((Received(FIRST), Received(FIRST)), [Reply("", "d1")]),
         ((Received(FIRST), Received(SECOND)), [Reply("superseded", "d1")]),
-        ((Received(SECOND), Received(FIRST)), [Reply("stale", "d1", "sequence 1 is older than 2")]),
+        ((Received(SECOND), Received(FIRST)), [Reply("stale", "d1", "sequence 1 is not newer than 2")]),
+        (
+            (Received(replace(SECOND, deployment="d9")), Received(SECOND)),
+            [Reply("stale", "d2", "sequence 2 is not newer than 2")],
+        ),
         ((*LOADED, Received(SECOND), LoadDue()), [Drop(), Reply("superseded", "d1"), ScheduleLoad(), Load(SECOND)]),
         ((*READY, Stopped()), [Drop(), Reply("left", "d1", "the engine ends")]),
         ((*READY, told("start"), Stopped()), [Drop(), Reply("left", "d1", "the engine ends")]),

@@ -154,7 +154,7 @@ class _Transition:
         if envelope.phase == "load" and self._is_known(deployment):
             self._repeat(deployment, Reply("", deployment))
         elif envelope.phase == "load" and envelope.order <= newest:
-            self._do(Reply("stale", deployment, f"sequence {envelope.sequence} is older than {newest[0]}"))
+            self._do(Reply("stale", deployment, f"sequence {envelope.sequence} is not newer than {newest[0]}"))
         elif envelope.joins and self.state.running is not None and not self._is_promised(deployment):
             self._do(Reply("refused", deployment, _HAS_ONE))
         elif self._has_no_room(envelope):

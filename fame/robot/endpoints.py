@@ -77,7 +77,7 @@ class Endpoints:
                 ) from error
 
     def open_for_scripts(self, topics: Iterable[tuple[Expression, ScriptTopic]], inbox: Inbox) -> None:
-        """Make the endpoints that scripts name, as far as their types are known by now."""
+        """Make the endpoints that scripts name, as far as their types are known by now. Raises MessageError."""
         for script, topic in topics:
             # A script in JavaScript reports the error itself when it runs.
             with suppress(*([MessageError] if script.language == "javascript" else [])):

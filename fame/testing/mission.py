@@ -83,9 +83,7 @@ class MissionUnderTest:
         self._recording = LateFile()
         self._saved: list[str] | None = None
         self.fakes: Fakes = Fakes(self)
-        self.is_played: bool = (
-            False  # whether the test stubs, fakes, sends or sets something, which `fame run` would not
-        )
+        self.is_played: bool = False  # whether the test stubs, fakes, sends or sets something, unlike `fame run`
 
     # ---- what it is ------------------------------------------------------------------------------------------------
 

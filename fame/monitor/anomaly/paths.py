@@ -171,8 +171,9 @@ class PathDetector:
         return Paths(places, ways, times, np.full(len(places), float(number)), arrival, turns)
 
     def limits_text(self) -> str:
-        """Return what the detector does not see, in a sentence."""
-        if self.paths is None or not len(self.paths.turns):
+        """Return what the detector does not see, in a sentence; it has learned."""
+        assert self.paths is not None
+        if not len(self.paths.turns):
             text = "It was learned by an earlier version and does not see the orientation of the tool"
             return f"{text}: fame monitor adm learn makes it anew."
         p = self.parameters
