@@ -111,6 +111,7 @@ def _noting_interrupts() -> Iterator[list[int]]:
     noted: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
+        __tracebackhide__ = True  # pytest names the line that was interrupted
         noted.append(number)
         signal.default_int_handler(number, frame)
 
