@@ -274,6 +274,7 @@ def test_a_mission_that_is_over_stays_over(field: Durable) -> None:
     field.pass_time(1)
     assert field.engine.state == "idle"
     assert (field.engine.running.completed, field.engine.running.instances[0].status) == (1, "completed")
+    assert field.notes[-1] == "its mission had ended"
 
 
 def test_a_model_whose_state_cannot_be_stored_is_refused(field: Durable) -> None:

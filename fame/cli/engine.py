@@ -280,7 +280,7 @@ def _serve(arguments: Namespace, starting: ExitStack) -> None:
         preload(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
         waits = f"waits for its process on /{arguments.name}/bpmn_process"
         note_ready(
-            f"{arguments.name} " + (f"continues its mission from {arguments.state}" if engine.resuming else waits)
+            f"{arguments.name} " + (f"restores its mission from {arguments.state}" if engine.resuming else waits)
         )
         return engine
 

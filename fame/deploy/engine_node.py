@@ -677,7 +677,8 @@ class EngineNode:
         if self._unsure and self.running is not None:  # others may run what it cannot read any more
             self.running.hold(_PROMISE)
         else:
-            self._note("continues its mission")
+            over = self.running is not None and self.running.is_over
+            self._note("its mission had ended" if over else "continues its mission")
         self._keep_promise()
 
     def _keep_promise(self) -> None:

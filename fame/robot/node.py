@@ -253,13 +253,14 @@ class RobotNode:
 
     @property
     def has_failed(self) -> bool:
-        """Whether the mission is over by a failure: nothing runs, and nothing will start."""
-        return self.host.failed > 0 and not (
-            self.engine.instances
-            or self.engine.program.starts
-            or self.engine.armed_starts
-            or self.engine.waiting_starts
-        )
+        """Whether the mission is over by a failure."""
+        return self.host.failed > 0 and self.is_over
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing runs, and nothing will start."""
+        engine = self.engine
+        return not (engine.instances or engine.program.starts or engine.armed_starts or engine.waiting_starts)
 
     @property
     def elements(self) -> int:
