@@ -33,6 +33,14 @@ from fame.check import check
 from fame.scripting.languages import parse_expression
 from fame.text import NAMES
 
+
+def taking(source: str) -> str:
+    """A catching event ``c`` that sets a variable to a part of its message."""
+    output = f'<camunda:inputOutput><camunda:outputParameter name="x">{source}</camunda:outputParameter>'
+    event = catch("c", type="geometry_msgs/msg/PointStamped")
+    return event.replace("</extensionElements>", f"{output}</camunda:inputOutput></extensionElements>")
+
+
 ERRORS = {
     "a script that is not valid Python": (
         row(script("x = (1")),
@@ -118,6 +126,16 @@ ERRORS = {
         row(script("v = 1"), throw("a", type="geometry_msgs/msg/Twist", payload="{linear: {w: ${v}}}")),
         "a: the payload does not fit: geometry_msgs/msg/Twist: linear.w: there is no such field; "
         f"those of {VECTOR} are x, y, z",
+    ),
+    "a mapping of a field that the message does not have": (
+        row(taking("${msg.pont.x}")),
+        "c: reads what is not in the message: geometry_msgs/msg/PointStamped: pont.x: there is no such field; "
+        "those of geometry_msgs/msg/PointStamped are header, point",
+    ),
+    "a mapping of a field that a part of the message does not have": (
+        row(taking("${msg.point.u + 1}")),
+        "c: reads what is not in the message: geometry_msgs/msg/PointStamped: point.u: there is no such field; "
+        "those of geometry_msgs/msg/Point are x, y, z",
     ),
     "a script that publishes a field that the type does not have": (
         row(script('robot.publish("led", "std_msgs/msg/ColorRGBA", red=level)\nlevel = 1')),

@@ -172,6 +172,15 @@ WARNINGS = {
         row(script("x = 1")) + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t"') + flows("w e"),
         "w: fires only once, so only the first time of its cycle counts: use a duration",
     ),
+    "a form field of a type that Camunda does not have": (
+        row('<userTask id="ask"><extensionElements><camunda:formData><camunda:formField id="bags" type="integer"/>'
+            '<camunda:formField id="why" type="string"/></camunda:formData></extensionElements></userTask>'),
+        "ask: its form field bags is of type 'integer': any answer is accepted; did you mean 'long'?",
+    ),
+    "a form that is not found": (
+        row('<userTask id="ask" camunda:formKey="Form_none"/>'),
+        "ask: any answer is accepted: its form Form_none is in no .form file beside the model, and not embedded",
+    ),
     "an answer that a constant replaces": (
         data("d", bags="4")
         + row('<userTask id="ask"><extensionElements><camunda:formData><camunda:formField id="bags" type="long"/>'

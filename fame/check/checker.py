@@ -18,6 +18,7 @@ from fame.check.control_flow import check_flow, check_joins, check_loops, check_
 from fame.check.elements import (
     check_annotations,
     check_data_objects,
+    check_forms,
     check_library,
     check_names,
     check_pools,
@@ -69,6 +70,7 @@ CHECKS: tuple[Check, ...] = (
     check_value_kinds,
     check_scripts,
     check_data_objects,
+    check_forms,
     check_services,
     check_effects,
 )

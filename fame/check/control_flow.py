@@ -248,7 +248,8 @@ def _leaving(graph: FlowGraph, join: FlowNode, branches: list[set[str]]) -> Iter
     for node in sorted(choices, key=lambda one: (one.line, one.id)):
         ways = graph.following[node.id]
         past = [way for way in ways if way != join.id and not _meets(graph, way, join)]
-        if len(past) < len(ways) and any(_is_quiet(graph, graph.reach([way], set())) for way in past):
+        quiet = (way for way in past if not any(_acts(graph.nodes[id]) for id in graph.reach([way], set())))
+        if len(past) < len(ways) and any(quiet):  # none of what is there affects the other branches
             yield node
 
 
@@ -256,11 +257,6 @@ def _meets(graph: FlowGraph, way: str, join: FlowNode) -> bool:
     """Whether a path leads from a node to the join."""
     near = graph.reach([way], {join.id})  # most ways do within a few steps: what is behind the join is not looked at
     return any(join.id in graph.following[id] for id in near)
-
-
-def _is_quiet(graph: FlowGraph, ids: set[str]) -> bool:
-    """Whether none of the nodes affects the other branches."""
-    return not any(_acts(graph.nodes[id]) for id in ids)
 
 
 def _chooses(graph: FlowGraph, node: FlowNode) -> bool:

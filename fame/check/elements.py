@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 
 from fame.bpmn.extension_properties import ANY, PROCESSES, PROPERTIES
+from fame.bpmn.linked_forms import form_of
 from fame.bpmn.model import Activity, CallActivity, DataObject, Definitions, Element, Task
 from fame.bpmn.pools import pools_of
 from fame.check.expressions import expressions_in
@@ -66,6 +67,16 @@ def check_annotations(scope: CheckScope) -> Iterator[Finding]:
             if seems_property(artifact, home.file):
                 text = "is not read as a property, and not judged: expected property NAME: SENTENCE"
                 yield Finding("warning", text, home.file, artifact.line, artifact.id)
+
+
+def check_forms(scope: CheckScope) -> Iterator[Finding]:
+    """Find linked forms that are missing or cannot be read."""
+    for process in scope.processes:
+        for node in process.nodes():
+            form = form_of(process.definitions, node.human) if isinstance(node, Task) and node.human.linked else ()
+            if [field.kind for field in form] == ["other"]:
+                text = f"any answer is accepted: {form[0].label[0].lower()}{form[0].label[1:].rstrip('.')}"
+                yield process.finding("warning", text, node)
 
 
 # ---- names of properties and pools -----------------------------------------------------------------------------------

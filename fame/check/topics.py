@@ -31,7 +31,7 @@ from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting.budget import BudgetExceeded
 from fame.scripting.data import ExpressionError
-from fame.scripting.effects import computed_topics
+from fame.scripting.effects import computed_topics, effects_of
 from fame.scripting.python import called_name
 from fame.scripting.python_effects import syntax_tree
 from fame.text import ros_name, wrong_topic
@@ -149,9 +149,24 @@ def _taking(end: TopicEndpoint, topic: Topic, type: str | None, scope: CheckScop
         fields = ", ".join(messages.fields(type)) or "none"
         text = f"{type} has no field for {wanted}: expected names like its fields ({fields}) or <field>_..."
         yield end.finding("warning", text)
+    for item in topic.takes:
+        level: Level = "warning" if item.source.language == "feel" else "error"  # FEEL gives null instead
+        for error in _misread(item.source, type):
+            yield end.process.finding(level, f"reads what is not in the message: {error}", end.node, item.source.line)
     for name, field in taken_by_prefix(end.process, end.node, topic, type or "").items():
         text = f"fills `{name}` with field {field} because the names are alike: connect the event with the data object"
         yield end.finding("warning", text)
+
+
+def _misread(source: Expression, type: str | None) -> Iterator[MessageError]:
+    """The fields that a mapping reads, ``msg.point.x``, and that no message of a type has."""
+    tree = effects_of(source).condition if type and source.language in ("juel", "feel") else None
+    nodes = list(ast.walk(tree)) if tree is not None else []
+    inner = {id(getattr(node, "func", getattr(node, "value", None))) for node in nodes}
+    for node in nodes:
+        read = ast.unparse(node) if isinstance(node, ast.Attribute) and id(node) not in inner else ""
+        if re.fullmatch(r"msg(\.\w+)+", read) and (error := _unknown_field(str(type), read[4:])) is not None:
+            yield error
 
 
 def _services(process: CheckedProcess, remote: bool) -> Iterator[Finding]:
@@ -269,15 +284,13 @@ def publish_findings(process: CheckedProcess) -> Iterator[Finding]:
     """Check fields and literals of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts."""
     for node in process.nodes():
         if node.script is not None and "publish" in node.script.text and (tree := syntax_tree(node.script)) is not None:
-            caught = {id(one) for tried in ast.walk(tree) if isinstance(tried, ast.Try) for one in _inside(tried)}
+            tried = (
+                one for one in ast.walk(tree) if isinstance(one, ast.Try) and one.handlers
+            )  # their errors are caught
+            caught = {id(one) for each in tried for statement in each.body for one in ast.walk(statement)}
             for call in ast.walk(tree):
                 if isinstance(call, ast.Call) and called_name(call) == "robot.publish" and len(call.args) == 2:
                     yield from _publish(process, node, call, "warning" if id(call) in caught else "error")
-
-
-def _inside(tried: ast.Try) -> Iterator[ast.AST]:
-    """The nodes whose errors a ``try`` statement may catch."""
-    return (one for statement in tried.body if tried.handlers for one in ast.walk(statement))
 
 
 def _publish(process: CheckedProcess, node: FlowNode, call: ast.Call, level: Level) -> Iterator[Finding]:

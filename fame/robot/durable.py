@@ -504,11 +504,7 @@ def _recorded(effects: Sequence[_Effect]) -> list[list[Any]]:
     return [
         effect.recorded
         if isinstance(effect, _Request)
-        else ["signal", effect.publisher.topic, effect.publisher.type, _plain(effect)]
+        else ["signal", (to := effect.publisher).topic, to.type, plain_messages(to.type, effect.messages)]
         for effect in effects
         if not isinstance(effect, _Request) or effect.recorded
     ]
-
-
-def _plain(signals: _Signals) -> Any:
-    return plain_messages(signals.publisher.type, signals.messages)

@@ -94,7 +94,9 @@ def read_tree(root: Node, source: bytes, file: str) -> Definitions:
     context = Context(file)
     prepare(context, root)
     context.roots = {
-        id: shared for shared in root.iterchildren(f"{{{BPMN}}}*") if (id := shared.get("id")) and _is_shared(shared)
+        id: shared
+        for shared in root.iterchildren(f"{{{BPMN}}}*")
+        if (id := shared.get("id")) and local_name(shared) not in ("process", "collaboration")
     }
     note_misspelt_namespaces(context, root, source)
     context.language = root.get("expressionLanguage", "")
@@ -105,10 +107,6 @@ def read_tree(root: Node, source: bytes, file: str) -> Definitions:
         context.add_association(association)
     processes = tuple(_process(context, process) for process in children(root, "process"))
     return _definitions(context, source, root, processes)
-
-
-def _is_shared(element: Node) -> bool:
-    return local_name(element) not in ("process", "collaboration")
 
 
 def _definitions(context: Context, source: bytes, root: Node, processes: tuple[Process, ...]) -> Definitions:

@@ -113,7 +113,7 @@ _COMMA = re.compile(r",(?![^{}]*\})")
 
 
 def _form_data(context: Context, node: Node, extensions: Extensions) -> None:
-    extensions.form = tuple(form_data(node))
+    extensions.form = tuple(form_data(node, lambda text: context.note(node, text, "warning")))
 
 
 _ATTRIBUTES = {

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from fame.bpmn.model import FieldKind, FormField
 from fame.bpmn.reader.xml import Node, local_name
+from fame.text import suggestion
 
 _FORM_DATA: Mapping[str, FieldKind] = {
     "string": "text", "long": "integer", "double": "number", "boolean": "checkbox", "date": "date", "enum": "select",
 }  # fmt: skip
+_MEANT = {"int": "long", "integer": "long", "number": "double", "float": "double", "text": "string"}
+"""Types of other tools that people write in a ``formField``."""
 _FORM_JS: Mapping[str, FieldKind] = {
     "textfield": "text", "textarea": "textarea", "number": "number", "checkbox": "checkbox", "select": "select",
     "radio": "radio", "text": "note",
@@ -21,8 +24,8 @@ _LAYOUT = {"spacer", "separator", "button", "image"}
 """Components of form-js without a value."""
 
 
-def form_data(node: Node) -> Iterator[FormField]:
-    """Yield the fields of a ``camunda:formData``."""
+def form_data(node: Node, warn: Callable[[str], object]) -> Iterator[FormField]:
+    """Yield the fields of a ``camunda:formData``; `warn` gets what is wrong with them."""
     for element in node:
         if local_name(element) != "formField" or not element.get("id"):
             continue
@@ -30,7 +33,10 @@ def form_data(node: Node) -> Iterator[FormField]:
             each.get("name", ""): each.get("config", "") for each in element.iter() if local_name(each) == "constraint"
         }
         values = [each for each in element if local_name(each) == "value"]
-        kind = _FORM_DATA.get(element.get("type", ""), "value")
+        kind = _FORM_DATA.get(type := element.get("type", "").strip(), "value")
+        if kind == "value":
+            hint = suggestion(_MEANT.get(type.lower(), type), _FORM_DATA)
+            warn(f"its form field {element.get('id')} is of type {type!r}: any answer is accepted; {hint}")
         low, high = ("minlength", "maxlength") if kind == "text" else ("min", "max")
         yield FormField(
             key=element.get("id", ""),
