@@ -175,7 +175,7 @@ def _name_by_id(element: Node) -> None:
     name = element.get("name", "").strip()
     if element.tag in _VARIABLES and name:
         element.set("name", variable_name(element))
-    elif element.tag in _ROOTS or any(map(_refers_to_none, _with_topic(element))):
+    elif element.tag in _ROOTS or not all(it.get("signalRef") or it.get("messageRef") for it in _with_topic(element)):
         element.set("name", name or element.get("id", ""))
 
 
@@ -183,10 +183,6 @@ def _with_topic(element: Node) -> list[Node]:
     """The element or its definitions that refer to a signal or message."""
     tags = (f"{_B}signalEventDefinition", f"{_B}messageEventDefinition")
     return [element] if element.tag in (f"{_B}sendTask", f"{_B}receiveTask") else list(element.iterchildren(*tags))
-
-
-def _refers_to_none(element: Node) -> bool:
-    return not element.get("signalRef") and not element.get("messageRef")
 
 
 _ROOTS = {f"{_B}{name}" for name in ("signal", "message", "error", "escalation", "operation", "correlationProperty")}

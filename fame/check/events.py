@@ -191,7 +191,8 @@ def check_repeated_calls(scope: CheckScope) -> Iterator[Finding]:
         original = process.bpmn.semantics == "original"
         for body in process.bodies():
             handlers = [one for one in body.nodes if isinstance(one, SubProcess) and one.triggered_by_event]
-            suspends = [one for one in handlers if (one.resume or original) and _interrupts(one)]
+            suspends = [one for one in handlers if one.resume or original]
+            suspends = [one for one in suspends if any(each.interrupting for each in one.body.events("start"))]
             seen = set[CheckedProcess]()
             inside = (found for one in body.nodes if one not in handlers for found in executed(process, one, seen))
             for home, task in inside if suspends else ():
@@ -199,10 +200,6 @@ def check_repeated_calls(scope: CheckScope) -> Iterator[Finding]:
                 if called is not None and not is_action(called.type or ""):
                     text = f"after {suspends[0].display_name} it calls again, even if the first call has been done"
                     yield home.finding("warning", f"{text}: set retry = never, ask or safe", task, fix=_never(task))
-
-
-def _interrupts(handler: SubProcess) -> bool:
-    return any(one.interrupting for one in handler.body.events("start"))
 
 
 def executed(

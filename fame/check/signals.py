@@ -204,14 +204,10 @@ def _deadlocks(roots: Sequence[CheckedProcess], thrown: Topics, level: Level) ->
     reach = progress(roots, thrown)
     for wait in reach.waits:
         for name in sorted(wait.topics if not wait.escape else ()):
-            causes = [cause for end in thrown[name] if end.throws for cause in _before(end, reach)]
-            if causes:
+            throwing = [end.process for end in thrown[name] if end.throws]
+            causes = [one for process in throwing for one in reach.waits if process in one.root.closure()]
+            if causes:  # the throwing process waits before it throws
                 yield wait.process.finding(level, f"waits for {name}, {_cause(wait, causes[0])}", wait.node)
-
-
-def _before(end: TopicEndpoint, reach: Reach) -> Iterator[TopicWait]:
-    """Where the throwing process waits before it throws."""
-    return (wait for wait in reach.waits if end.process in wait.root.closure())
 
 
 def _cause(wait: TopicWait, cause: TopicWait) -> str:
