@@ -166,13 +166,15 @@ def heard(team: Team) -> Iterator[str]:
     """What a robot has heard of another is in order, without a gap, and none of it twice.
 
     A person who skips what hears, or moves a token behind it, keeps what was heard last once more; who moves one before
-    what tells has it told again.
+    what tells has it told again. So does a robot that has lost its state, and is given its mission once more.
     """
     for name, instance in _instances(team):
         if team.robots[name].witness.changed:
             continue
         for other, counts in dict(instance.variables.get("kept", {})).items():
-            if team.robots[other].witness.changed:
+            robot = team.robots[other]
+            loses = (not robot.durable or robot.spoilt) and len(_starts(team, other)) > 1
+            if robot.witness.changed or loses:
                 continue
             for version in {count // 1000 for count in counts}:
                 found = [count % 1000 for count in counts if count // 1000 == version]

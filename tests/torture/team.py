@@ -824,6 +824,9 @@ class Team:
     def _end(self, robot: Robot) -> None:
         assert robot.wire is not None
         robot.spoilt |= robot.machine.disk.removed  # all that it had is lost with it
+        node = robot.engine.running if robot.engine is not None else None
+        if node is not None and node.engine.held is not None:
+            robot.excuses.append((self.scheduler.now / SECOND, "cancel"))
         self.fabric.leave(robot.wire)
         robot.machine.disk.release()
         robot.process = robot.wire = robot.engine = None
