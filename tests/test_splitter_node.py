@@ -326,6 +326,32 @@ def test_a_splitter_that_came_after_the_diagram_can_take_the_role_too():
     assert farm.engines["B"].deployed
 
 
+class Slow(SplitterNode):
+    """A splitter that hears what others have said before two seconds later."""
+
+    def _on_status(self, message) -> None:
+        self.scheduler.after(2 * SECOND, lambda: SplitterNode._on_status(self, message))
+
+    def _on_deployed(self, message) -> None:
+        self.scheduler.after(2 * SECOND, lambda: SplitterNode._on_deployed(self, message))
+
+
+def test_a_splitter_that_led_until_it_heard_of_the_older_can_take_the_role_too():
+    farm = Farm("A", "B")
+    elder = farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    younger = farm.splitter(Slow)
+    farm.pass_time(1.5)
+    assert (elder.state, younger.state) == ("keeping", "idle")
+    farm.pass_time(3)
+    assert (elder.state, younger.state) == ("keeping", "standby")
+    elder.close()
+    farm.pass_time(6)
+    assert younger.state == "keeping"
+    assert [farm.engines[name].running.started for name in "AB"] == [1, 1]
+
+
 def test_what_the_older_could_not_deploy_any_more_the_younger_does():
     farm = Farm("A", "B")
     elder, younger = farm.splitter(), farm.splitter()

@@ -128,6 +128,8 @@ class SplitterNode:
                 self._take_over(inherited)
             case StandBy(reason):
                 self._cease()
+                if self._diagram is None and self._kept is not None:
+                    self._diagram = self._kept[0]
                 self._report(f"standby: {reason}")
 
     def _take_over(self, inherited: Collection[str]) -> None:
@@ -163,6 +165,9 @@ class SplitterNode:
                     self._diagram, self._kept = diagram, (diagram, ())
                 elif self._diagram is not None and self._diagram[0] == diagram[0]:
                     self._diagram = self._kept[0]
+        elif self._diagram is None and self._kept is None:  # it leads until it has heard of the older
+            with suppress(FameError):
+                self._kept = self._read(message.data, "deployed"), ()
 
     def _read(self, text: str, purpose: str) -> tuple[str, Definitions]:
         """Hash and model, checked as far as that is possible without the robots. Raises FameError."""
