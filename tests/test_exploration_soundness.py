@@ -45,7 +45,12 @@ def test_a_behaviour_that_waits_forever_is_a_deadlock(inside: Steps) -> None:
     assert (finding.kind, finding.robots) == ("deadlock", ("A",))
 
 
-@pytest.mark.parametrize("text", ["await sleep(1)\nif robot.now: raise ValueError", "import lib; lib.go()"])
+@pytest.mark.parametrize(
+    "text",
+    ["await sleep(1)\nif robot.now: raise ValueError", "import lib; lib.go()", "y = {}.k", "o = None\ny = o.k",
+     "with 5: pass", "class C(5): pass", "@5\ndef f(): pass", "def f(x=nope): pass", "y = 20000 + nope",
+     "await sleep(1)\ny = nope", "await receive('x', timeout=1)"],
+)  # fmt: skip
 @pytest.mark.parametrize("code", ["error", "error script"])
 def test_a_script_that_is_not_executed_may_fail_where_that_is_caught(text: str, code: str) -> None:
     """The error event was called unreachable."""

@@ -237,6 +237,16 @@ def test_the_calls_that_ask_leave_each_line_where_it_is(text: str, calls: str) -
         ("len(x) == 2", ["x = [1]", "z = w = x", "for each in [z]: each.append(3)"]),
         ("x[0][0] == 3", ["x = [[1]]", "z = list(x)", "z[0][0] = 3"]),
         ("len(x) == 2", ["x = [1]\nz = x\nz.append(3)", "y = len(x)"]),
+        ("z == [1]", ["x = z = []", "x += [1]"]),
+        ("len(x) == 2", ["x = [1]\nt = [x]", "t[0] += [2]"]),
+        ("len(x) == 2", ["x = [1]\nt = [x]", "t[0] *= 2"]),
+        ("len(x) == 2", ["x = [1]\nt = dict(k=x)", "t['k'] += [2]"]),
+        ("len(x) == 2", ["x = [1]\ny = {'k': x}", "match y:\n  case {'k': z}: z += [2]"]),
+        ("len(x) == 2", ["x = [1]", "z = map(x.append, [1])", "list(z)"]),
+        ("len(x) == 2", ["x = [1]", "z = (each.append(3) for each in [x])", "y, = z"]),
+        ("len(x) == 2", ["x = [1]\ny = [x]", "[each.append(3) for each in y]"]),
+        ("len(x) == 2", ["x = [1]\ny = []\nz = [y]", "z[0].append(x)", "y[0].append(3)"]),
+        ("len(x) == 2", ["x = [1]", "z = sum([], x)", "z.append(3)"]),
     ],
 )
 def test_what_a_script_changes_in_one_variable_may_have_changed_in_another(condition: str, scripts: list[str]) -> None:
@@ -262,7 +272,7 @@ def test_what_iterates_over_a_mapping_has_keys_unless_a_task_may_fill_it_with_so
     output = "<dataOutputAssociation><targetRef>D</targetRef></dataOutputAssociation>" if filled else ""
     text = process(
         '<scriptTask id="T"><script>bids = {}</script></scriptTask>'
-        f'<userTask id="U">{output}</userTask><dataObject id="O"/>'
+        f'<task id="U">{output}</task><dataObject id="O"/>'
         f'<dataObjectReference id="D" dataObjectRef="O">{data}</extensionElements></dataObjectReference>'
         '<scriptTask id="S"><script>for bid in bids: best = bid</script></scriptTask>'
     )

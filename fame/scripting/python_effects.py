@@ -102,7 +102,7 @@ class PythonEffects(Effects):
 
     @cached_property
     def may_change(self) -> frozenset[str]:
-        return self._reached_by(lambda call: True)
+        return self._reached_by(lambda call: True) if all(map(is_understood, self.nodes())) else self.reads
 
     @cached_property
     def reaches(self) -> frozenset[str]:
@@ -119,11 +119,12 @@ class PythonEffects(Effects):
         called = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
         methods = [node for node in nodes if isinstance(node, ast.Attribute) and id(node) not in called]
         names = {name for node in methods if node.attr in CHANGING_METHODS for name in root(node.value)}
-        inside = [part for node in nodes if isinstance(node, _FUNCTIONS) for part in ast.walk(node)]
-        parameters = {part.arg for part in inside if isinstance(part, ast.arg)}
-        for part in inside:
-            place = changed_place(part)
-            names |= {*(root(place) if place is not None else handed_over(part) if isinstance(part, ast.Call) else ())}
+        later = [[*ast.walk(node)] for node in nodes if isinstance(node, _LATER)]
+        parameters = {part.arg for parts in later for part in parts if isinstance(part, ast.arg)}
+        changing = [parts for parts in later if any(map(_changes_something, parts))]
+        names |= {part.id for parts in changing for part in parts if isinstance(part, ast.Name)}
+        lazy = [node for node in nodes if isinstance(node, ast.Call) and called_name(node) in _LAZY]
+        names |= {name for call in lazy for name in handed_over(call)}
         names -= parameters
         return self.reads if self.tree is not None and names & bound_in(self.tree) else self.reads & names
 
@@ -267,9 +268,11 @@ class _Synchronous(ast.NodeTransformer):
 
 
 def _augmented(tree: ast.AST) -> set[str]:
-    """The targets of ``x += 1``, which symbol tables do not count as read."""
-    targets = (node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign))
-    return {target.id for target in targets if isinstance(target, ast.Name)}
+    """The targets of ``x += 1`` and ``del x``, which symbol tables do not count as read."""
+    nodes = [*ast.walk(tree)]
+    targets = {id(node.target) for node in nodes if isinstance(node, ast.AugAssign)}
+    return {node.id for node in nodes if isinstance(node, ast.Name)
+            and (isinstance(node.ctx, ast.Del) or id(node) in targets)}  # fmt: skip
 
 
 def _comprehended(tree: ast.AST) -> set[str]:
@@ -308,7 +311,9 @@ def _is_steady(node: ast.AST) -> bool:
     return not isinstance(node, ast.NamedExpr | ast.Lambda | ast.Await)
 
 
-_FUNCTIONS = (ast.Lambda, ast.FunctionDef, ast.AsyncFunctionDef)
+_LATER = (ast.Lambda, ast.FunctionDef, ast.AsyncFunctionDef, ast.GeneratorExp)
+"""What may be executed when the script is over."""
+_LAZY = ("map", "filter")
 _ALL = frozenset(("__builtins__", "__import__", "eval", "exec", "globals", "locals", "vars"))
 _OF_FRAMES = re.compile(r"__|_getframe$|(f|tb|gi|cr|ag)_(frame|globals|locals|back|builtins)$")
 _OF_INTERPRETER = frozenset(("builtins", "ctypes", "gc", "inspect"))
@@ -374,6 +379,33 @@ def changed_place(node: ast.AST) -> ast.AST | None:
     return None
 
 
+def is_understood(node: ast.AST) -> bool:
+    """Return whether it is known what a part of a script changes in place, and how values flow there; else it may
+    change all that the script reads, and give each name a part of what any other one has."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        return not node.decorator_list
+    return isinstance(node, _UNDERSTOOD)
+
+
+_UNDERSTOOD = (
+    ast.mod, ast.expr_context, ast.boolop, ast.operator, ast.unaryop, ast.cmpop, ast.keyword, ast.arguments, ast.arg,
+    ast.alias, ast.comprehension, ast.match_case, ast.ExceptHandler, ast.Assign, ast.AnnAssign, ast.AugAssign, ast.For,
+    ast.AsyncFor, ast.While, ast.If, ast.Match, ast.Try, ast.Raise, ast.Assert, ast.Delete, ast.Expr, ast.Pass,
+    ast.Break, ast.Continue, ast.Import, ast.ImportFrom, ast.Global, ast.Nonlocal, ast.Return, ast.BoolOp,
+    ast.NamedExpr, ast.BinOp, ast.UnaryOp, ast.Lambda, ast.IfExp, ast.Dict, ast.Set, ast.List, ast.Tuple, ast.ListComp,
+    ast.SetComp, ast.DictComp, ast.GeneratorExp, ast.Await, ast.Compare, ast.Call, ast.FormattedValue, ast.JoinedStr,
+    ast.Constant, ast.Attribute, ast.Subscript, ast.Starred, ast.Name, ast.Slice, ast.MatchValue, ast.MatchSingleton,
+    ast.MatchSequence, ast.MatchMapping, ast.MatchStar, ast.MatchAs, ast.MatchOr,
+)  # fmt: skip
+
+
+def _changes_something(node: ast.AST) -> bool:
+    if isinstance(node, ast.Call):
+        named = isinstance(node.func, ast.Name | ast.Attribute)
+        return not named or any(True for _ in handed_over(node)) or changes_itself(node)
+    return changed_place(node) is not None or isinstance(node, ast.AugAssign) or not is_understood(node)
+
+
 def changes_itself(call: ast.Call) -> bool:
     """Return whether a call is one of a changing method of a variable."""
     match call:
@@ -422,7 +454,7 @@ def root(node: ast.AST) -> set[str]:
 def handed_over(call: ast.Call) -> Iterator[str]:
     """Yield the variables that a call may change: what it is given, and the object of the method."""
     function = call.func
-    if isinstance(function, ast.Name) and function.id in _HARMLESS:
+    if isinstance(function, ast.Name) and (function.id in _HARMLESS or _calls_harmless(call)):
         return
     if isinstance(function, ast.Attribute):
         if isinstance(function.value, ast.Name) and function.value.id in _HARMLESS_MODULES:
@@ -434,11 +466,22 @@ def handed_over(call: ast.Call) -> Iterator[str]:
         yield from _whole(argument)
 
 
+def _calls_harmless(call: ast.Call) -> bool:
+    """Whether it is `map` or `filter` with a function that leaves its argument as it is, or one that is looked at."""
+    match call:
+        case ast.Call(ast.Name("map" | "filter"), [ast.Name(name), *_]):
+            return name in COMPUTING
+        case ast.Call(ast.Name("map" | "filter"), [ast.Lambda() | ast.Constant(), *_]):
+            return True
+    return False
+
+
 def _whole(node: ast.AST) -> Iterator[str]:
     """The names in an expression whose values may be its value, or a part of it."""
+    computed = isinstance(node, ast.BinOp) and not isinstance(node.op, ast.Add | ast.Mult | ast.BitOr | ast.MatMult)
     if isinstance(node, ast.Name):
         yield node.id
-    elif not isinstance(node, ast.BinOp | ast.UnaryOp | ast.Compare | ast.JoinedStr | ast.Constant):
+    elif not computed and not isinstance(node, ast.UnaryOp | ast.Compare | ast.JoinedStr | ast.Constant):
         for inner in ast.iter_child_nodes(node):
             yield from _whole(inner)
 

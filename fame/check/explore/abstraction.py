@@ -248,9 +248,10 @@ class _Rewriter:
         script = without_items(script, facts.counted, may_fail=caught)
         script = script if caught else without_operations(script, facts.unknown)
         if needed is not None:
-            if not caught and (statement := skipped(script, needed)):
+            whole = caught or not facts.aliases.holders.isdisjoint(effects_of(script, script=True).reads)
+            if not whole and (statement := skipped(script, needed)):
                 self.to.skipped[task.id] = statement
-            script = facts.aliases.marked(script if caught else sliced(script, needed), needed)
+            script = facts.aliases.marked(script if whole else sliced(script, needed), needed)
         return replace(task, script=script)
 
     def _service(self, task: model.Task, guarded: Guarded) -> AbstractStep:
@@ -296,7 +297,7 @@ class _Rewriter:
         results = set[str]()
         if call.io is not None:
             if not call.io.all_in:  # what it is given may be a list that the caller has, too
-                given = {name for item in call.io.inputs for name in effects_of(item.source).reads}
+                given = self._with_aliases(name for item in call.io.inputs for name in effects_of(item.source).reads)
                 changes, used = (given if names else set() for names in (changes, used))
             results = {item.target for item in call.io.outputs} | (writes if call.io.all_out else set())
             writes, is_open = set(), is_open and call.io.all_out

@@ -105,9 +105,10 @@ def _add_script(flow: _Flow, use: ExpressionUse, facts: TeamFacts, *, caught: bo
     publishes = {*use.effects.publishes} & (facts.shared | facts.types.keys())
     if publishes or caught or any(word in use.expression.text for word in _NOTICED):
         flow.needed |= use.reads
-    if "(" in use.expression.text:
+    calls = not facts.aliases.holders.isdisjoint(use.reads)
+    if calls:
         flow.links.append((use.reads, facts.leaked))
-    if divided and not caught:
+    if divided and not caught and not calls:
         flow.links += links(use.expression)
     else:
         marked = use.expression.text.startswith(SHARED)  # by `Aliases.marked`, with what it may change besides

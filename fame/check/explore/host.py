@@ -16,7 +16,7 @@ from typing import Any
 from fame.bpmn.model import Expression
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
 from fame.check.explore.abstraction import Abstraction, AbstractStep, step_name
-from fame.check.explore.aliases import SHARED, Aliases, shared
+from fame.check.explore.aliases import SHARED, Aliases, changes_in_place, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.graph import reachable
 from fame.check.explore.purity import STEPS, is_computable
@@ -185,7 +185,7 @@ class ExplorationHost:
         self.memory: Memory = Memory({})
         self.aliases: Aliases = model.facts.aliases
         self.leaked: Set[str] = model.facts.leaked
-        """Variables that any function may change, see `TeamFacts`."""
+        """Variables that what reads one of `Aliases.holders` may change, see `TeamFacts`."""
         self.late: Set[str] = model.facts.late
         """Variables that functions of JavaScript may set at any time; "" stands for all."""
         self._again: deque[int] = deque()
@@ -238,12 +238,18 @@ class ExplorationHost:
         made = self._compile(expression, element=element, file=file, script=script)
         reads = effects_of(expression, script=script).reads
         late = (self.names if "" in self.late else self.late) & reads
+        holders = self.aliases.holders & reads
 
         def evaluate(variables: dict[str, Any]) -> Any:
             self._set_unknown([name for name in late if name in variables], variables)
-            return made(variables)
+            called = not all(name in variables and is_fixed(variables[name]) for name in holders)
+            result = made(variables)
+            if called:
+                self._change(self.leaked, variables)
+                self.memory.change(self.leaked)
+            return result
 
-        return evaluate if late else made
+        return evaluate if late or holders else made
 
     def _compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Callable[..., Any]:
         if ":=" in expression.text:  # within a comprehension it sets a variable past all methods of the dict
@@ -265,13 +271,14 @@ class ExplorationHost:
 
     def _expression(self, expression: Expression, element: str, file: str) -> Callable[..., Any]:
         effects = effects_of(expression)
-        changes = tuple(sorted(effects.changes | effects.may_change))
+        changed = {name for change in changes_in_place(expression) for name in (change[0], *self.aliases.of(change))}
+        changes = tuple(sorted(effects.changes | effects.may_change | changed))
         step = AbstractStep(tuple(sorted(effects.sets)), changes, open=effects.open)
         if expression.language == "javascript":
             return self._uncomputed(element, step)
         if expression.language == "python":
             run = compile_expression(asking(expression, "eval"), file=file, element=element)
-            if not is_computable(expression, self.fields, "eval"):
+            if changed or not is_computable(expression, self.fields, "eval"):
                 return self._uncomputed(element, step)
             return self._python(self._reading(run, effects.reads), effects.reads, element)
         run = compile_expression(expression, file=file, element=element)
@@ -409,7 +416,7 @@ class ExplorationHost:
     def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
         step, effects = step_of(script), effects_of(script, script=True)
         step = replace(step, codes=tuple(sorted({*step.codes, *self.asks.get(element, ())})))
-        reaches = effects.reaches | (self.leaked if "(" in script.text else frozenset())
+        reaches = effects.reaches | (frozenset() if self.aliases.holders.isdisjoint(effects.reads) else self.leaked)
         step = replace(step, changes=tuple(sorted(reaches.union(step.changes))))
         if script.language == "javascript":
             shown = {other for name in step.changes for other in self.aliases.of((name, False))}
@@ -422,11 +429,13 @@ class ExplorationHost:
         if (effects.fails or effects.computes_code) and not executed:
             self.opaque.add(element)
         risky = element in self.risky and not effects.fails
-        odd = element in self.guarded and not (effects.waits or effects.fails) and may_mismatch(script)
-        if risky or odd:
+        quiet = not step.emits and not step.codes and not any(one in script.text for one in ("signal", "BpmnError"))
+        guarded = element in self.guarded
+        odd = guarded and (may_mismatch(script) or (effects.waits and bool(effects.reads)))
+        if (risky or guarded) and not effects.fails and "script" not in step.codes:
             self.supposed.add(element)
         failing = replace(step, codes=tuple(sorted({*step.codes, "script"})))
-        step = failing if not executed and (effects.fails or risky) else step
+        step = failing if effects.fails or (not executed and (risky or odd)) else step
         told = "script" in step.codes and (element in self.guarded or not risky)
         if element in self.left_out or (not computable and not effects.waits and not told and may_raise(script)):
             self.skipped[element] = self.left_out.get(element) or script.text.strip().partition("\n")[0]
@@ -434,7 +443,6 @@ class ExplorationHost:
             self.midway.update((element, topic) for topic in sorted(effects.midway & self.shared_topics))
             running = Running(step)
             return lambda variables: running
-        quiet = not step.emits and not step.codes and not any(one in script.text for one in ("signal", "BpmnError"))
         dropped = (
             quiet
             and element not in self.caught
@@ -454,9 +462,10 @@ class ExplorationHost:
         def execute(variables: dict[str, Any]) -> None:
             given = [variables.get(name) for name in reads]
             of_any_kind = odd and any(map(is_unknown, given))
+            unset = guarded and not all(name in variables for name in reads)
             way = uncertain if any(map(holds_unknown, given)) or not (computable or dropped) else otherwise
             way = perhaps if of_any_kind and not unseen else way
-            way(failing if of_any_kind else step, element, variables)
+            way(failing if of_any_kind or unset else step, element, variables)
 
         return execute
 
@@ -481,6 +490,8 @@ class ExplorationHost:
             if not _is_about_unknown(error):
                 self.outcome.unsure.add(element)
                 raise
+            if element in self.guarded:
+                step = replace(step, codes=tuple(sorted({*step.codes, "script"})))
         else:
             return
         del self.outcome.sent[sent:], self.outcome.choices[choices:]

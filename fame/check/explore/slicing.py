@@ -14,6 +14,7 @@ hands variables to unknown functions is taken as a whole.
 from __future__ import annotations
 
 import ast
+import builtins
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Set
 from dataclasses import replace
@@ -25,6 +26,7 @@ from fame.check.explore.element_variables import used_besides_texts
 from fame.check.explore.purity import is_computable
 from fame.engine.data import variable_name
 from fame.scripting.effects import effects_of
+from fame.scripting.python import called_name
 from fame.scripting.python_effects import (
     CHANGING_METHODS,
     COMPUTING,
@@ -43,8 +45,23 @@ _UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, a
 _HARMLESS = (ast.Module, ast.Assign, ast.Expr, ast.Pass, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.expr_context)
 """What raises nothing: giving a name a constant, the value of another one, or a list of these."""
 
-_OF_A_KIND = (ast.Attribute, ast.AugAssign, ast.BinOp, ast.Call, ast.For, ast.Starred, ast.Subscript, ast.comprehension)
-_SURE = (COMPUTING - {"divmod", "float", "int", "max", "min", "round"}).union(
+_SURE = (ast.Module, ast.Assign, ast.Expr, ast.If, ast.While, ast.Break, ast.Continue, ast.Pass, ast.Raise, ast.Assert,
+         ast.BoolOp, ast.IfExp, ast.NamedExpr, ast.Constant, ast.Name, ast.JoinedStr, ast.keyword, ast.Try, ast.TryStar,
+         ast.expr_context, ast.boolop, ast.operator, ast.unaryop, ast.cmpop)  # fmt: skip
+"""What raises nothing on values of any kind; whether it says ``raise`` or ``assert`` is looked at elsewhere."""
+_OF_A_KIND = (ast.Attribute, ast.BinOp, ast.AugAssign, ast.UnaryOp, ast.Compare, ast.For, ast.comprehension,
+              ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp, ast.Set, ast.Dict, ast.Starred, ast.Slice,
+              ast.Lambda, ast.arguments, ast.arg, ast.FormattedValue, ast.Await, ast.AnnAssign,
+              ast.ExceptHandler)  # fmt: skip
+"""What raises nothing on values of the kind that it expects, but for what `_may_fail` names."""
+_OF_ROBOT = frozenset(("name", "namespace", "now", "date"))
+_SURE_CALLS = frozenset(("bool", "print", "repr", "str", "type"))
+"""Functions that raise nothing on one value of any kind."""
+_OF_INTERFACE = frozenset(("BpmnError", "log", "receive", "robot", "signal", "sleep"))
+"""What raises nothing on constants: those that are wrong are errors of the model."""
+_TIMED = {"receive": 2, "until": 1}
+"""What raises an exception when the time is over that it is given -> the place of this time among its arguments."""
+_SURE_OF_A_KIND = (COMPUTING - {"divmod", "float", "int", "max", "min", "round"}).union(
     ("BpmnError", "hasattr", "isinstance", "log", "receive", "signal", "sleep", "type", "until")
 )
 _SURE_METHODS = (
@@ -118,10 +135,7 @@ def may_fail(script: Expression) -> bool:
     What stands in a ``try`` with handlers of all exceptions does not.
     """
     tree = _tree(script)
-    nodes = list(ast.walk(tree)) if tree is not None else []
-    tries = [node for node in nodes if isinstance(node, ast.Try) and any(map(catches_all, node.handlers))]
-    caught = {id(inner) for one in tries for line in one.body for inner in ast.walk(line)}
-    return any(_may_fail(node) for node in nodes if id(node) not in caught)
+    return tree is not None and any(map(_may_fail, _walk(tree)))
 
 
 def _may_fail(node: ast.AST) -> bool:
@@ -133,32 +147,75 @@ def _may_fail(node: ast.AST) -> bool:
         case ast.Tuple() | ast.List():
             return isinstance(node.ctx, ast.Store)
         case ast.Call(func=ast.Name(name)):
-            return name not in _SURE
+            return name not in _SURE_OF_A_KIND or _may_time_out(node)
         case ast.Call(func=ast.Attribute(ast.Name("log" | "robot"))):
             return False  # but for actions and services, whose failures `Failures` has
         case ast.Call(func=ast.Attribute(attr=name)):
             return name not in _SURE_METHODS
-    return isinstance(node, ast.Call | ast.Import | ast.ImportFrom)
+    return not isinstance(node, (*_SURE, *_OF_A_KIND))
 
 
 @lru_cache(maxsize=1024)
 def may_mismatch(script: Expression) -> bool:
-    """Return whether a script may raise something on a value of any kind."""
+    """Return whether a script may raise something on values of any kind, but that a variable is not set."""
     tree = _tree(script)
-    return tree is None or any(map(_may_mismatch, ast.walk(tree)))
+    return tree is None or any(map(_may_mismatch, _walk(tree)))
+
+
+def _walk(node: ast.AST) -> Iterator[ast.AST]:
+    """Walk what may raise in a tree: not what handlers catch, nor the functions that calls name."""
+    pending = [node]
+    while pending:
+        yield (node := pending.pop())
+        inside = {*ast.iter_child_nodes(node)}
+        match node:
+            case ast.Try(body, handlers) if any(map(catches_all, handlers)):
+                inside -= {*body}
+            case ast.Call(ast.Attribute(ast.Name()) as function):
+                inside -= {function}
+        pending += inside
 
 
 def _may_mismatch(node: ast.AST) -> bool:
     match node:
-        case ast.Attribute(ast.Name("log" | "robot")) | ast.Call(ast.Attribute(ast.Name("log" | "robot"))):
+        case ast.Attribute(ast.Name("robot"), name, ast.Load()):
+            return name not in _OF_ROBOT
+        case ast.Call(ast.Name(name), [_], []) if name in _SURE_CALLS:
             return False
-        case ast.Call(ast.Name(name)):
-            return name not in ("BpmnError", "bool", "isinstance", "log", "print", "repr", "signal", "str", "type")
+        case ast.Call(ast.Name("log") | ast.Attribute(ast.Name("log")), _, []):
+            return False
+        case ast.Call(ast.Name(name) | ast.Attribute(ast.Name(name)), arguments, named):
+            given = [*arguments, *(one.value for one in named)]
+            constant = all(isinstance(one, ast.Constant) for one in given)
+            return name not in _OF_INTERFACE or not constant or _may_time_out(node)
         case ast.UnaryOp(op):
             return not isinstance(op, ast.Not)
         case ast.Compare(ops=operators):
             return not all(isinstance(one, ast.Eq | ast.NotEq | ast.Is | ast.IsNot) for one in operators)
-    return isinstance(node, _OF_A_KIND)
+        case ast.Tuple() | ast.List():
+            return not isinstance(node.ctx, ast.Load)
+        case ast.Dict(keys=keys):
+            return not all(isinstance(one, ast.Constant) for one in keys)
+        case ast.FormattedValue(format_spec=spec):
+            return spec is not None
+        case ast.ExceptHandler():
+            return not all(_is_exception(one) for one in ast.walk(node.type or ast.Load()))
+        case ast.Await(value):
+            return not isinstance(value, ast.Call)  # of what gives something else, the call is not sure
+    return not isinstance(node, _SURE)
+
+
+def _may_time_out(call: ast.Call) -> bool:
+    """Whether a call is one that waits for a time that it is given."""
+    place = _TIMED.get(called_name(call))
+    return place is not None and (len(call.args) > place or any(one.arg != "type" for one in call.keywords))
+
+
+def _is_exception(node: ast.AST) -> bool:
+    """Whether a part of what an ``except`` names is surely of exceptions."""
+    kind = getattr(builtins, node.id, None) if isinstance(node, ast.Name) else Exception
+    known = kind if isinstance(kind, type) else object
+    return isinstance(node, ast.Name | ast.Tuple | ast.expr_context) and issubclass(known, BaseException)
 
 
 @lru_cache(maxsize=1024)

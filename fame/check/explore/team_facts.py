@@ -26,7 +26,7 @@ class TeamFacts:
     unknown  variables whose values are certainly unknown
     aliases  variables that may hold the same list or mapping
     late     variables that functions of JavaScript may set at any time, "" for all
-    leaked   variables whose values functions may change that a script has left
+    leaked   variables whose values functions may change that a script has left, see `Aliases.holders`
     catches  the codes that error events catch; "": any
     escalations  the codes of escalations that are caught
     named    the error codes that properties name
@@ -69,6 +69,8 @@ def facts_of(
         (thrown if throws else caught).add(topic)
     from_outside = caught - thrown
     computed = computed_topics((node for process in processes for node in process.body.walk()), "publish")
+    aliases = Aliases(body for process in processes for body in process.body.bodies())
+    left = {name for one in processes for node in one.body.walk() for name in script_effects(node).leaves}
     return TeamFacts(
         types=types,
         shared=frozenset(topic for topic in thrown & caught if topic[0] == "/"),
@@ -79,8 +81,8 @@ def facts_of(
         counted=counted_lists(processes) - read,
         # A state that is given may hold a value that nothing in the model explains.
         unknown=frozenset() if given else unknown_variables(processes, from_outside, parameters),
-        aliases=Aliases(body for process in processes for body in process.body.bodies()),
-        leaked=frozenset().union(*(script_effects(node).leaves for one in processes for node in one.body.walk())),
+        aliases=aliases,
+        leaked=frozenset(left.union(*(aliases.of((name, False)) for name in left))),
         late=frozenset(
             name for one in processes for node in one.body.walk() for name in _set_late(script_effects(node))
         ),
