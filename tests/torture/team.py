@@ -439,6 +439,7 @@ class Team:
             machine.disk.trouble = 0
         self.fabric.loss, self.fabric.twice, self.fabric.delay = 0.0, 0.0, 0.002
         self.fabric.mute.clear()
+        self.fabric.check()
         for pair, count in list(self.fabric.cuts.items()):
             for _ in range(count):
                 self.fabric.cut(*pair, heal=True)
