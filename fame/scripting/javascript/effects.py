@@ -46,9 +46,7 @@ _COUNTS = r"\s*(?:\+\+|--)|[\s)]+(?:\+\+|--)(?![ \t]*[\w$(\[])"
 """What counts the member before it: ``(x.n)++``, but not ``if (x.n) ++m``."""
 _CHANGE = re.compile(rf"[\s)]*(?:{_CHANGES})|{_COUNTS}")
 _SET = re.compile(rf"[\s)]*=(?![=>])|{_CHANGE.pattern}")
-_COUNTED = re.compile(r"(?:\+\+|--)[\s(]*$")
-_DELETED = re.compile(r"\bdelete[\s(]*$")
-_IN_LOOP = re.compile(r"\bfor\s*(?:await\s*)?\([\s(]*$")
+_FOR = re.compile(r"\bfor(?:\s+await)?$")
 _BRACKET = re.compile(r"[(\[{}\])]")
 _PATTERN = re.compile(r"(?:^|[^\w$\]\s]|\b(?:else|return|yield|await|throw|case|do|typeof|void))\s*([\[{])")
 """Where a pattern may begin that an assignment or a loop takes apart: behind what no operand ends, or ``if (...)``."""
@@ -215,16 +213,18 @@ def _accesses(code: str, objects: str) -> tuple[set[str], set[str], bool]:
     reads, sets, is_open = set[str](), set[str](), False
     patterns = _patterns(code)
     for found in re.finditer(rf"(?:{objects})(?:\s*\??\.\s*({_NAME}))?", code):
-        name, before, after = found[1], code[: found.start()], code[found.end() :]
-        counted = _COUNTED.search(before)
+        name, after = found[1], code[found.end() :]
+        before = code[: found.start()].rstrip("( \t\r\n")
+        counted = before.endswith(("++", "--"))
         if name is None:
             is_open = True
-        elif counted or _SET.match(after) or _DELETED.search(before):
+        elif counted or _SET.match(after) or before.endswith("delete"):
             sets.add(name)
             reads |= {name} if counted or _CHANGE.match(after) else set()
         else:
             reads.add(name)
-            taken_apart = _IN_LOOP.search(before) or any(found.start() in pattern for pattern in patterns)
+            in_loop = _FOR.search(before[-30:]) is not None
+            taken_apart = in_loop or any(found.start() in pattern for pattern in patterns)
             sets |= {name} if taken_apart else set()
     return reads, sets, is_open
 
