@@ -180,7 +180,7 @@ def _called_at(scope: Scope, node: Node) -> str:
     call: Node | None = None
     place: Scope | None = scope
     while place is not None:
-        if place.node is not None and place.node.file != node.file:
+        if place.node is not None and place.node.file not in ("", node.file):  # "": of compensation
             call = place.node
         place = place.parent
     return f"; called at {call.id} ({call.file}:{call.line})" if call is not None else ""

@@ -270,8 +270,10 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
             port = JoinPort(node, number, spec.need)
             context.ports[flow] = context.node(gateway, _ARRIVALS[gateway.kind], f"/{number}", port)
             context.ports[flow].part_of = node
+        spec.ports = tuple(context.ports[flow] for flow in gateway.incoming)
+    spec.reach = partial(masks, context.content, gateway)
     if gateway.kind in ("inclusive", "complex"):
-        spec.masks = masks(context.content, gateway)
+        spec.masks = spec.reach()
 
 
 def _lead_on(context: ScopeCompiler, gateway: model.Gateway, node: Node, flows: list[model.SequenceFlow]) -> None:

@@ -106,7 +106,21 @@ def move(engine: EngineState, source: str, target: str) -> None:
         raise MissionError(f"is not in the scope of {source}; elements there are: {there}", element=target)
     if isinstance(scope.items, dict) and scope.items.get("busy") == source:  # of a sequential ad-hoc sub-process
         scope.items["busy"] = ""
-    _go_on(engine, token, scope, entry)
+    _go_on(engine, token, scope, _arrival(scope, token, entry))
+
+
+def _arrival(scope: Scope, token: Wait | Scope, entry: Node) -> Node:
+    """Return where a token that is moved to an element arrives.
+
+    At a join: by an incoming flow that it can reach, else by any; the first without a token.
+    """
+    spec, node = entry.spec, token.node
+    if not isinstance(spec, Branch) or not spec.ports or node is None or node is entry:
+        return entry
+    if node in spec.ports:
+        return node
+    reached, counts = spec.reach().get(node.id, 0), (scope.joins or {}).get(entry, [0] * spec.need)
+    return min(spec.ports, key=lambda port: (not reached >> port.spec.number & 1, bool(counts[port.spec.number])))
 
 
 def skip(engine: EngineState, element: str) -> str:

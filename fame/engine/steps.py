@@ -101,8 +101,9 @@ class Branch:
 
     ways        conditional flows; `targets`: flows without conditions
     default     target of the default flow
-    need        of a join: the number of incoming flows
-    masks       of an inclusive or complex join: by element or flow, the incoming flows that a token there can reach
+    need        of a join: the number of incoming flows; `ports`: where tokens arrive by them
+    reach       of a join: gives by element or flow the incoming flows that a token there can reach (bit mask)
+    masks       of an inclusive or complex join: the same, computed
     activation  of a complex gateway: its activation condition
     resets      of a complex gateway: flows whose conditions are evaluated again at its reset
     """
@@ -111,6 +112,8 @@ class Branch:
     targets: tuple[Node, ...] = ()
     default: Node | None = None
     need: int = 0
+    ports: tuple[Node, ...] = ()
+    reach: Callable[[], dict[str, int]] = dict
     masks: dict[str, int] = field(default_factory=dict)
     activation: Compiled | None = None
     resets: tuple[ConditionalFlow, ...] = ()

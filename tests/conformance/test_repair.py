@@ -109,6 +109,13 @@ def test_a_script_that_waits_and_then_fails_is_one_too() -> None:
     assert run.run().status == "completed"
 
 
+def test_one_in_compensation_names_no_call() -> None:
+    undo = script("undo", "1 / 0").replace("<scriptTask", '<scriptTask isForCompensation="true"')
+    undo += boundary("c", "a", "<compensateEventDefinition/>") + '<association id="l" sourceRef="c" targetRef="undo"/>'
+    run = kept(start() + script("a") + undo + throw("t", "<compensateEventDefinition/>") + end() + path("s a t e"))
+    assert incidents(run)["undo"] == ("script", "ZeroDivisionError: division by zero")
+
+
 def test_other_tokens_are_not_touched() -> None:
     fork = start() + gateway("parallel", "g") + script("a", "y = 10 / x") + user("u") + gateway("parallel", "j") + end()
     run = kept(fork + path("s g a j e") + path("g u j"), x=0)
@@ -170,6 +177,38 @@ def test_a_token_is_moved_within_its_scope_and_what_it_did_is_cancelled() -> Non
     assert (run.run(2).waiting, run.variables["out"]) == (["u"], 1)
     run.node.engine.move("u", "a")
     assert run.run(3).waiting == ["a"]
+
+
+@pytest.mark.parametrize("kind", ["parallel", "inclusive"])
+@pytest.mark.parametrize("moved", ["u", "w"])
+def test_a_token_that_is_moved_to_a_join_waits_there_for_the_others(kind: str, moved: str) -> None:
+    content = (
+        start() + gateway(kind, "g") + user("u") + script("k") + user("w") + gateway(kind, "j") + script("a") + end()
+    )
+    run = Run(content + path("s g u k j a e") + path("g w j")).run()
+    run.node.engine.move(moved, "j")
+    other = "w" if moved == "u" else "u"
+    assert (sorted(run.waiting), "a" in run.visits) == (["j", other], False)
+    assert run.complete(other).status == "completed"
+    assert run.visits["a"] == 1
+
+
+def test_one_from_elsewhere_arrives_by_a_flow_that_is_still_open() -> None:
+    content = start() + gateway("parallel", "f") + user("x") + gateway("parallel", "g") + user("u") + user("w")
+    run = Run(content + gateway("parallel", "j") + end() + path("s f x") + path("f g u j e") + path("g w j")).run()
+    run.complete("u").node.engine.move("x", "j")
+    assert run.waiting == ["w"]
+    assert run.complete("w").waiting == ["j"]
+
+
+def test_a_restarted_gateway_takes_its_token_again_and_no_other() -> None:
+    joins = gateway("complex", "j", "<activationCondition>activationCount &gt;= n</activationCondition>")
+    run = kept(start() + gateway("parallel", "g") + joins + user("u") + path("s g j u") + path("g w j") + user("w"))
+    assert list(incidents(run)) == ["j"]
+    run.node.engine.set_variables({"n": 2})
+    run.node.engine.move("j", "j")
+    assert sorted(run.waiting) == ["j", "w"]
+    assert run.complete("w").waiting == ["u"]
 
 
 def test_what_is_not_there_is_said() -> None:
