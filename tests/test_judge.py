@@ -279,6 +279,8 @@ def test_decimal_commas_separators_and_dates_are_understood(
         ("31.1.2026 12:00:33,1", "runs.csv:2: expected a number (s) or a date such as 2026-01-31T12:00:00.5 in column "
          "'stamp', got '31.1.2026 12:00:33'"),
         ("0.1,high", "runs.csv:2: expected a number in column 'a', got 'high'"),
+        ("0.1,1_0", "runs.csv:2: expected a number in column 'a', got '1_0'"),
+        ("0.1,True\n0.2,0.5", "runs.csv:2: expected a number in column 'a', got 'True'"),
         ("0,1,2,5", "runs.csv:2: expected 2 cells, got 4; a decimal comma needs another separator, such as ;"),
     ],
 )  # fmt: skip

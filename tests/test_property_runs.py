@@ -269,6 +269,61 @@ def test_a_file_that_is_no_such_log_is_refused_or_says_nothing(team: Path, form:
     assert main(["log", "judge", str(team.with_name("team.properties.yaml")), str(log)]) in (2, 3)
 
 
+ROWS = "time,robot,what,element,instance\n0.0,A,start,P_A,1\n0.5,A,enter,x,1\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        ("0.25,A,leave,x,1", "4: time 0.25 comes after 0.5: expected the events of a robot in their order"),
+        ("1.0,A,ENTER,x,1", "4: unknown what 'ENTER'; did you mean 'enter'?"),
+        ("1.0,A,leave,x", "4: expected 5 cells, got 4"),
+        ("1.0,A,leave,x,1,1,1", "4: expected 5 cells, got 7"),
+        ("inf,A,leave,x,1", "4: the time is inf: expected seconds"),
+    ],
+)
+def test_a_log_with_rows_that_cannot_be_is_refused(
+    team: Path, rows: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = team.with_name("run.csv")
+    log.write_text(f"{ROWS}{rows}\n")
+    assert main(["log", "judge", str(team.with_name("team.properties.yaml")), str(log)]) == 2
+    assert f"run.csv:{text}" in capsys.readouterr().err
+
+
+def test_a_log_has_the_robots_one_after_another_or_its_objects_in_any_order(team: Path) -> None:
+    made, definitions = read_properties(team.with_name("team.properties.yaml")), read(team)
+    for form in ("jsonl", "ocel.json"):
+        run, log = team.with_name("run.mcap"), team.with_name(f"run.{form}")
+        main(["run", str(team), "--quiet", "--log", str(run)])
+        assert main(["log", "convert", str(run), "-o", str(log)]) == 0
+        expected = judge_log(log, made, definitions)
+        if form == "jsonl":
+            lines = log.read_text().splitlines(keepends=True)
+            log.write_text("".join(sorted(lines, key=lambda line: json.loads(line).get("robot", "~"), reverse=True)))
+        else:
+            data = json.loads(log.read_text())
+            log.write_text(json.dumps({**data, "events": data["events"][::-1]}))
+        found = {one.name: one.verdict for one in judge_log(log, made, definitions)}
+        assert found == {one.name: one.verdict for one in expected}, form
+
+
+def test_ocel_with_an_id_twice_is_refused_and_a_log_without_events_says_nothing(tmp_path: Path) -> None:
+    properties = '  twice: A starts "work" at most 1 times\n  idle: never B starts "work"\n'
+    runs = dict(judged(tmp_path, {"A": ["work"], "B": ["work"]}, properties, ("ocel.json", "xes")))
+    assert runs["ocel.json"] == {"twice": "holds", "idle": "violated"}
+    made, definitions = read_properties(tmp_path / "m.properties.yaml"), read(tmp_path / "m.bpmn")
+    ocel, xes = tmp_path / "run.ocel.json", tmp_path / "run.xes"
+    data = json.loads(ocel.read_text())
+    ocel.write_text(json.dumps({**data, "events": [*data["events"], data["events"][0]]}))
+    with pytest.raises(ConfigError, match="has several events 'e1': expected unique ids"):
+        judge_log(ocel, made, definitions)
+    ocel.write_text(json.dumps({**data, "events": []}))
+    xes.write_text(re.sub(r"<event>.*?</event>", "", xes.read_text(), flags=re.DOTALL))
+    for log in (ocel, xes):
+        assert {one.verdict for one in judge_log(log, made, definitions)} == {"not known"}, log
+
+
 def test_the_command_judges_a_folder_of_logs(team: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("one.mcap", "two.mcap"):
         main(["run", str(team), "--quiet", "--log", str(team.parent / "logs" / name)])

@@ -1,5 +1,6 @@
 """Scripts in Python: their scope, their lines, what is refused when they are compiled."""
 
+import io
 import subprocess
 import sys
 from functools import partial
@@ -60,10 +61,11 @@ def test_builtins_of_one_instance_are_its_own() -> None:
 def test_what_a_script_prints_is_logged() -> None:
     lines: list[tuple[str, str]] = []
     names = interface(robot=None, signal=print, log=lambda level, text: lines.append((level, text)))
-    compile_script(Expression("print('at', x, sep='=')\nlog('done', 2)\nlog.warning('low')"))(
-        {"x": 1, "__builtins__": names}
-    )
-    assert lines == [("info", "at=1"), ("info", "done 2"), ("warning", "low")]
+    text, file = "print('at', x, sep='=', end='!')\nlog('done', 2)\nlog.warning('low')\n", io.StringIO()
+    text += "print('a', 'b', sep='-', end='.', file=file)\nprint(3, file=file)\nprint()"
+    compile_script(Expression(text))({"x": 1, "file": file, "__builtins__": names})
+    assert lines == [("info", "at=1!"), ("info", "done 2"), ("warning", "low"), ("info", "")]
+    assert file.getvalue() == "a-b.3\n"
 
 
 def test_the_builtins_of_a_terminal_are_not_there() -> None:

@@ -6,8 +6,11 @@ OCEL has when instances start and end; at level ``mission`` only labelled elemen
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,6 +18,7 @@ from xml.etree import ElementTree
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND
 from fame.errors import ConfigError
+from fame.iso8601 import parse_datetime
 from fame.log.elements import UNKNOWN, element_info
 from fame.log.reading import PART, PART_MESSAGE, rows_of
 from fame.log.recorded_events import (
@@ -63,6 +67,7 @@ def read_event_log(path: Path, model: Definitions, columns: Mapping[str, str]) -
             for row in found
             if row.get("robot") or row["what"] == ENDED
         ]
+        rows.sort(key=itemgetter("time"))  # of several robots, as they may be one after another
         running: set[tuple[Any, Any]] = set()
         for row in rows:
             if row["what"] in ("start", "end"):
@@ -93,6 +98,9 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
             starts.append(dated(said["process"]["time"], robot, number, process, "start"))
         if "status" in said:
             ends.append(dated(said["status"]["time"], robot, number, process, "end", said["status"]["value"]))
+    again = [id for id, count in Counter(each["id"] for each in data["events"]).items() if count > 1]
+    if again:
+        raise ConfigError(f"has several events {again[0]!r}: expected unique ids", file=str(path))
     rows = list(_ocel_events(data["events"]))
     info = element_info([model])
     seen = {row["element"] for row in rows}
@@ -114,10 +122,15 @@ def _read_ocel(path: Path, model: Definitions) -> RecordedEvents:
     )
 
 
+def _moment(event: Mapping[str, Any]) -> tuple[datetime, int]:
+    """When an event was; of one instant FAME counts them by their ids."""
+    return parse_datetime(event["time"]), int(event["id"][1:]) if re.fullmatch(r"e\d+", event["id"]) else 0
+
+
 def _ocel_events(events: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Its events at elements; one that completes at once has the event ``complete`` alone."""
     under_way = Counter[tuple[str, str]]()
-    for event in events:
+    for event in sorted(events, key=_moment):
         values = {each["name"]: each["value"] for each in event["attributes"]}
         if "lifecycle" not in values:
             continue

@@ -84,7 +84,8 @@ def _judge_events(
     robots, files = team_of_model(model)
     team = team_of({**robots, **log.processes}, files or [model])
     monitors = [compile(each, team) for each in properties]
-    missing = team.robots.keys() - log.processes.keys()
+    happened = any(row["what"] not in ("start", "end", ENDED) for row in log.rows)
+    missing = team.robots.keys() - (log.processes.keys() if happened else set())
     judgements = _judged_rows(log, log.rows, monitors, missing)
     if log.reordered:
         others = _judged_rows(log, log.reordered, monitors, missing)

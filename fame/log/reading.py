@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -209,22 +210,49 @@ def rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
         raise ConfigError(wrong_ending(path.name, (*_ROWS, ".mcap")), file=str(path))
     try:
         with open_file(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as stream:
-            yield _whole(rows(stream), str(path))
+            yield _checked(rows(stream, str(path)), str(path))
     except OSError as error:
         raise ConfigError(unreadable(error), file=str(path)) from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError, csv.Error):
         raise ConfigError("is not the log of a run, as written by fame run --log", file=str(path)) from None
 
 
-def _whole(rows: Iterable[_Row], file: str) -> Iterator[_Row]:
-    """The rows of a log, which has to have all that happened: what it leaves out cannot be told from what did not."""
-    for row in rows:
-        if row["what"] == PART:
+_KNOWN = _MOVES | {"log", "report", "answer", "verdict", "epoch", ENDED, PART}
+
+
+def _checked(rows: Iterable[tuple[int, _Row]], file: str) -> Iterator[_Row]:
+    """The rows of a log with their lines, which has to have all that happened: what it leaves out cannot be told from
+    what did not. Raises ConfigError, too, for a word or time that no log has, and where the times of a robot fall."""
+    latest = dict[Any, float]()
+    for line, row in rows:
+        what, robot = row["what"], row.get("robot", "")
+        if what == PART:
             raise ConfigError(PART_MESSAGE.format(row["detail"]), file=file)
+        if what not in _KNOWN:
+            raise ConfigError(f"unknown what {what!r}; {suggestion(str(what), sorted(_KNOWN))}", file=file, line=line)
+        if not math.isfinite(time := float(row["time"])):
+            raise ConfigError(f"the time is {row['time']}: expected seconds", file=file, line=line)
+        if what in _MOVES:
+            if time < latest.get(robot, time):
+                text = f"time {time:g} comes after {latest[robot]:g}: expected the events of a robot in their order"
+                raise ConfigError(text, file=file, line=line)
+            latest[robot] = time
         yield row
 
 
-_ROWS: Mapping[str, Callable[[TextIO], Iterable[_Row]]] = {
-    ".jsonl": lambda stream: map(json.loads, stream),
-    ".csv": csv.DictReader,
+def _cells(stream: TextIO, file: str) -> Iterator[tuple[int, _Row]]:
+    """The rows of a table. Raises ConfigError for one that lacks cells, or has more than the header."""
+    reader = csv.DictReader(stream)
+    for row in reader:
+        lacks = sum(cell is None for cell in row.values())
+        if lacks or None in row:
+            width = len(reader.fieldnames or ())
+            text = f"expected {width} cells, got {width - lacks + len(row.get(None) or ())}"
+            raise ConfigError(text, file=file, line=reader.line_num)
+        yield reader.line_num, row
+
+
+_ROWS: Mapping[str, Callable[[TextIO, str], Iterable[tuple[int, _Row]]]] = {
+    ".jsonl": lambda stream, file: enumerate(map(json.loads, stream), 1),
+    ".csv": _cells,
 }

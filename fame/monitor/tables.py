@@ -1,9 +1,9 @@
 """Tables of numbers: CSV files and Parquet.
 
 Cells of a CSV file are separated by a semicolon, tab, comma or |; a decimal comma needs another separator than the
-comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00; true is 1, and false 0. In a recorded table a cell may
-be empty: a row holds the message of one topic. What is not a number is reported with its line and column, never read as
-something else.
+comma. Stamps may be dates of ISO 8601 or as 31.01.2026 12:00:00; true is 1, and false 0, in a column without other
+numbers. In a recorded table a cell may be empty: a row holds the message of one topic. What is not a number is reported
+with its line and column, never read as something else.
 """
 
 from __future__ import annotations
@@ -212,6 +212,17 @@ class _Cells(NamedTuple):
                 where += " without a point, since decimals have a comma"
             raise self._error(f"expected {right}{where}, got {cell!r}", number) from None
 
+    def refuse_mixed(self, cells: Floats, lines: Sequence[str], numbers: Sequence[int]) -> None:
+        """Raise ConfigError for a word of `_WORDS` in a column that also has other numbers than 0 and 1."""
+        mixed = [not np.isin(column[~np.isnan(column)], (0.0, 1.0)).all() for column in cells.T]
+        for number, line in zip(numbers, lines, strict=True) if any(mixed) else ():
+            if any(word in line.lower() for word in _WORDS):
+                for name, cell, is_mixed in zip(
+                    self.head, _row(line, self.path, number, self.separator), mixed, strict=True
+                ):
+                    if is_mixed and cell.strip().lower() in _WORDS and name.strip() not in self.apart:
+                        raise self._error(f"expected a number in column {name.strip()!r}, got {cell!r}", number)
+
     def _error(self, text: str, number: int) -> ConfigError:
         return ConfigError(text, file=str(self.path), line=number)
 
@@ -224,7 +235,9 @@ def _numbers(lines: Sequence[str], numbers: Sequence[int], to: _Cells) -> Floats
             cells = np.loadtxt(plain, delimiter=to.separator, ndmin=2, comments=None)
             if cells.shape == (len(lines), len(to.head)):
                 return np.asarray(cells)
-    return np.array([to.row(line, number) for number, line in zip(numbers, lines, strict=True)], dtype=np.float64)
+    cells = np.array([to.row(line, number) for number, line in zip(numbers, lines, strict=True)], dtype=np.float64)
+    to.refuse_mixed(cells, lines, numbers)
+    return cells
 
 
 _GERMAN = re.compile(r"(\d\d)\.(\d\d)\.(\d{4})[ T](.+)")
@@ -239,7 +252,7 @@ def _number(cell: str, *, date: bool, comma: bool) -> float:
     if not date or _is_number(number):
         if comma and "." in cell:
             raise ValueError(cell)
-        return float(number)
+        return _float(number)
     moment = _moment(number)
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
@@ -261,9 +274,16 @@ def _row(line: str, path: Path, number: int, separator: str) -> list[str]:
         raise ConfigError(f"is not a row of a table: {error}", file=str(path), line=number) from None
 
 
+def _float(text: str) -> float:
+    """Read a number as other tools do: Python's 1_0 is none. Raises ValueError."""
+    if "_" in text or not text.strip().isascii():
+        raise ValueError(text)
+    return float(text)
+
+
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        _float(text)
     except ValueError:
         return False
     return True

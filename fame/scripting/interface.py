@@ -171,8 +171,13 @@ def interface(
     """
     logger = Log(log)
 
-    def print_to_log(*values: Any, sep: str | None = " ", end: str = "", file: Any = None, flush: bool = False) -> None:
-        log("info", _joined(values, " " if sep is None else sep))
+    def print_to_log(
+        *values: Any, sep: str | None = " ", end: str | None = "\n", file: Any = None, flush: bool = False
+    ) -> None:
+        if file is not None:
+            print(*values, sep=sep, end=end, file=file, flush=flush)
+        else:
+            log("info", f"{_joined(values, ' ' if sep is None else sep)}{end or ''}".removesuffix("\n"))
 
     names = ALWAYS | {"robot": robot, "signal": signal, "log": logger, "print": print_to_log}
     Budget(names, budget)
