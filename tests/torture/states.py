@@ -33,8 +33,8 @@ from .processes import Process
 State = dict[str, Any]
 _NOT_STATE = {
     "program", "host", "new_variables", "on_incident", "settled", "at_once", "emit", "place", "_trail", "limit",
-    "portion", "unsettled", "restored", "suspensions", "starts_no_more", "ready", "cancelling", "parameters", "catch",
-    "body", "counts", "depth", "scopes", "instance", "error",
+    "portion", "unsettled", "restored", "suspensions", "starts_no_more", "missed", "ready", "cancelling", "parameters",
+    "catch", "body", "counts", "depth", "scopes", "instance", "error",
 }  # fmt: skip
 """Attributes that follow from others, or belong to a stimulus or to the host."""
 _CHANGING = re.compile("^(moved to|skipped|failed|restarted|retried .* x)|starts from the beginning")
@@ -216,6 +216,7 @@ class Witness:
     compared: int = 0
     changed: bool = False  # whether a person has changed what comes of the mission
     _before: tuple[str, State, dict[int, int], State] | None = None
+    _migrates: bool = False  # whether it tells what a migration begins, in the new model
     _held: Any = None  # what the engine holds
     _held_at: float = 0.0
     _busy_at: float = 0.0  # when it last was away, stopped or held (s)
@@ -253,7 +254,7 @@ class Witness:
         if event.what == "report" and _CHANGING.search(str(event.detail)):
             self.changed = True
         node = engine.running
-        if event.what not in ("enter", "leave") or node is None:
+        if event.what not in ("enter", "leave") or node is None or self._migrates:
             return
         if self.held_for(now, engine) > 0:
             self.wrong(f"does {event.what} {event.element} while it is held for {sorted(node.holds)}")
@@ -300,7 +301,11 @@ class Witness:
             if {*candidate.envelope.plan.get("elements", ())} & {*engine.running.engine.program.elements}:
                 self.changed, new = True, set()
             had, dues = _kept(engine.running, new), _dues(engine.running, new)
-            go_on, timers = take_over(candidate, before)
+            self._migrates = True
+            try:
+                go_on, timers = take_over(candidate, before)
+            finally:
+                self._migrates = False
             if engine._anew:
                 self.wrong(f"was ready to migrate, and {engine._anew}")
             elif wrong := list(differences(had, _kept(candidate.process, new))):
