@@ -480,6 +480,9 @@ def test_an_unknown_number_of_instances_is_small_which_is_told(repeats: str, seq
     )
     result = explore(fame.read(text.encode()), delivery="run")
     assert (result.findings, result.shortened) == ((), (("P", "M"),))
+    failing = '<sequenceFlow id="MF" sourceRef="M" targetRef="F"/><scriptTask id="F"><script>1/0</script></scriptTask>'
+    result = explore(fame.read(text.replace("</process>", f"{failing}</process>").encode()), delivery="run")
+    assert any("; M: no items" in step.text for finding in result.findings for step in finding.run)
 
 
 def _python(*texts: str) -> str:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from fame.check.explore.graph import Explored, shortest
 from fame.check.explore.product import Product
 from fame.check.explore.transitions import BITS, CUT, MASK, Move, Seen, Transition
+from fame.check.explore.values import LENGTHS
 from fame.check.explore.views import element_of
 from fame.dataclasses import dataclass, field, replace
 from fame.errors import display_name
@@ -273,6 +274,8 @@ class Runs:
         )
         if start and not throws and not failures and not choices:
             return None
+        for repeated, items in dict.fromkeys((where, chosen) for where, chosen, ways in choices if ways is LENGTHS):
+            text += f"; {self._label(repeated)}: {items or 'no'} item{'s' * (items != 1)}"
         return Step(robot, kind, element, code, text, throws, tuple(choices))
 
     def _label(self, element: str) -> str:
