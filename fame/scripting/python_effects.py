@@ -121,7 +121,7 @@ class PythonEffects(Effects):
         names = {name for node in methods if node.attr in CHANGING_METHODS for name in root(node.value)}
         later = [[*ast.walk(node)] for node in nodes if isinstance(node, _LATER)]
         parameters = {part.arg for parts in later for part in parts if isinstance(part, ast.arg)}
-        changing = [parts for parts in later if any(map(_changes_something, parts))]
+        changing = [parts for parts in later if any(map(changes_something, parts))]
         names |= {part.id for parts in changing for part in parts if isinstance(part, ast.Name)}
         lazy = [node for node in nodes if isinstance(node, ast.Call) and called_name(node) in _LAZY]
         names |= {name for call in lazy for name in handed_over(call)}
@@ -399,7 +399,8 @@ _UNDERSTOOD = (
 )  # fmt: skip
 
 
-def _changes_something(node: ast.AST) -> bool:
+def changes_something(node: ast.AST) -> bool:
+    """Return whether a part of a script may change something in place."""
     if isinstance(node, ast.Call):
         named = isinstance(node.func, ast.Name | ast.Attribute)
         return not named or any(True for _ in handed_over(node)) or changes_itself(node)

@@ -24,6 +24,7 @@ from fame.bpmn.linked_forms import form_of
 from fame.bpmn.model.forms import is_whole
 from fame.bpmn.pools import Pool, all_processes
 from fame.bpmn.topics import TopicUse
+from fame.check.explore.aliases import changes_in_place
 from fame.check.explore.behaviours import is_step
 from fame.check.explore.counting import without_items
 from fame.check.explore.decisive import decisive, needed_by_statements
@@ -291,21 +292,27 @@ class _Rewriter:
         whole = all(is_whole(form_of(home, node.human)) for home, process in inside for node in process.body.walk()
                     if isinstance(node, model.Task) and node.kind in ("user", "manual"))  # fmt: skip
         is_open = not whole or any(script_effects(node).open for one in processes for node in one.body.walk())
-        changes = self._with_aliases(name for process in processes for name in changed_by(process))
+        nodes = [node for process in processes for node in process.body.walk() if node.script is not None]
+        in_place = {name for node in nodes if node.script for name, _ in changes_in_place(node.script)}
+        changes = self._with_aliases(in_place.union(*map(changed_by, processes)))
         changes |= self.to.facts.leaked
-        used = self._with_aliases(name for process in processes for name in assigned_by(process))
+        assigned = {name for process in processes for name in assigned_by(process)}
+        used = assigned.union(*(self.to.facts.coarse.of((name, False)) for name in assigned))
         results = set[str]()
         if call.io is not None:
             if not call.io.all_in:  # what it is given may be a list that the caller has, too
-                given = self._with_aliases(name for item in call.io.inputs for name in effects_of(item.source).reads)
+                given = {name for item in call.io.inputs for name in effects_of(item.source).reads}
+                beside = self._with_aliases(given) & changes
                 changes, used = (given if names else set() for names in (changes, used))
+                changes |= beside
             results = {item.target for item in call.io.outputs} | (writes if call.io.all_out else set())
             writes, is_open = set(), is_open and call.io.all_out
         return AbstractStep(in_order(writes), in_order(changes), in_order(results), in_order(used), open=is_open)
 
     def _with_aliases(self, names: Iterable[str]) -> set[str]:
         given = {*names}
-        return given.union(*(self.to.facts.aliases.of((name, False)) for name in given))
+        every = given.union(*(self.to.facts.aliases.of((name, False)) for name in given))
+        return {*filter(str.isidentifier, every)}
 
 
 def _asked_by(home: model.Definitions, task: model.Task) -> set[str]:

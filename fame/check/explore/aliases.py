@@ -34,6 +34,7 @@ from fame.scripting.python_effects import (
     READING_METHODS,
     changed_place,
     changes_itself,
+    changes_something,
     handed_over,
     is_understood,
     root,
@@ -53,10 +54,11 @@ were put into the object that it had, or into one inside of it."""
 class Aliases:
     """The variables of a team that may hold parts of the same value, by its scripts, messages and mappings.
 
-    What is stored in place (``t[0].append(c)``) is also in all other variables in which that change shows.
+    What is stored in place (``t[0].append(c)``) is also in all other variables in which that change shows. `coarse`:
+    what parameters and comprehensions bind counts as variables of these names, which is more than there is.
     """
 
-    def __init__(self, bodies: Iterable[model.Body] = ()) -> None:
+    def __init__(self, bodies: Iterable[model.Body] = (), *, coarse: bool = False) -> None:
         self._before: dict[str, set[str]] = defaultdict(set)
         self._after: dict[str, set[str]] = defaultdict(set)
         self._owners: dict[str, set[str]] = defaultdict(set)
@@ -64,7 +66,7 @@ class Aliases:
         mappings = _mappings(bodies)
         flows, holders = list[Flow](), set[str]()
         for body in bodies:
-            flows += _flows_in(body, mappings)
+            flows += _flows_in(body, mappings, coarse=coarse)
             for effects in (use.effects for use in expressions_in(body) if use.effects.leaves):
                 filled = (targets for sources, targets, how in _flows_of_text(effects.expression, mappings, script=True)
                           if sources and how in ("into", "inside"))  # fmt: skip
@@ -113,7 +115,11 @@ class Aliases:
         hold; each line stays."""
         names = defaultdict[str, set[str]](set)
         for change in sorted(changes_in_place(script)):
-            for name in sorted(_sources(script, change)) if (others := self.of(change) & needed) else ():
+            for name in (
+                sorted(filter(str.isidentifier, _sources(script, change)))
+                if (others := {*filter(str.isidentifier, self.of(change) & needed)})
+                else ()
+            ):
                 names[name] |= others - {name}
         parsed = accepted(script, "exec") if names else None
         if parsed is None:
@@ -171,12 +177,12 @@ def _set_in(bodies: Iterable[model.Body]) -> set[str]:
     return names
 
 
-def _flows_in(body: model.Body, mappings: Set[str]) -> Iterator[Flow]:
+def _flows_in(body: model.Body, mappings: Set[str], *, coarse: bool) -> Iterator[Flow]:
     for node in body.nodes:
         yield from _flows_of(node)
     for use in expressions_in(body):
         if use.expression.language == "python" and isinstance(use.element, model.FlowNode | model.SequenceFlow):
-            yield from _flows_of_text(use.expression, mappings, script=use.use == "script")
+            yield from _flows_of_text(use.expression, mappings, script=use.use == "script", coarse=coarse)
         elif use.use == "script":  # in JavaScript
             names = use.reads | use.effects.sets
             yield names, names, "is"
@@ -184,14 +190,16 @@ def _flows_in(body: model.Body, mappings: Set[str]) -> Iterator[Flow]:
             yield use.reads, {*use.element.names}, "is"
 
 
-def _flows_of_text(text: model.Expression, mappings: Set[str], *, script: bool) -> Iterator[Flow]:
+def _flows_of_text(text: model.Expression, mappings: Set[str], *, script: bool, coarse: bool = False) -> Iterator[Flow]:
     """How values flow in a text in Python; where it has a part that is not understood, from each name to each."""
     nodes = [*ast.walk(syntax_tree(text, script=script) or ast.Pass())]
     names = {name for node in nodes for name in _names_of(node)}
     if not all(map(is_understood, nodes)):
         yield names, names, "is"
+    local = {} if coarse else _local_names(text)
     for node in nodes:
-        yield from _flows_at(node, mappings, names)
+        for sources, targets, how in _flows_at(node, mappings, names):
+            yield {local.get(one, one) for one in sources}, {local.get(one, one) for one in targets}, how
 
 
 def _flows_of(node: model.FlowNode) -> Iterator[Flow]:
@@ -228,15 +236,15 @@ def _flows_at(node: ast.AST, mappings: Set[str], names: Set[str]) -> Iterator[Fl
             given = set[str]().union(*map(parts_in, arguments), *(parts_in(one.value) for one in named))
             yield given, parts_in(value) if name in CHANGING_METHODS else set(), _put(value)
         case ast.Call():
-            given = parts_in(node)
-            if len(given) > 1:
-                yield given, given, "inside"
+            if any(True for _ in handed_over(node)):
+                yield parts_in(node), parts_in(node), "inside"
         case ast.ExceptHandler(name=str() as name):
             yield names, {name}, "is"
         case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.Lambda():
             inside = {name for one in ast.walk(node) for name in _names_of(one)}
             parameters = {one.arg for one in ast.walk(node) if isinstance(one, ast.arg)}
-            yield names, parameters, "is"
+            if any(map(changes_something, ast.walk(node))):
+                yield names, parameters, "is"
             if not isinstance(node, ast.Lambda):
                 yield inside, {node.name}, "is"
 
@@ -296,6 +304,14 @@ def _names_of(node: ast.AST) -> Iterator[str]:
 
 
 @lru_cache(maxsize=1024)
+def _local_names(text: model.Expression) -> dict[str, str]:
+    """Names of parameters and of what comprehensions bind, which are no variables -> their names in flows."""
+    effects = effects_of(text, script=True)
+    names = {name for node in ast.walk(syntax_tree(text) or ast.Pass()) for name in _names_of(node)} - _NO_VARIABLES
+    return {name: f"{name} {text.text}" for name in names - effects.reads - effects.sets - effects.code}
+
+
+@lru_cache(maxsize=1024)
 def changes_in_place(script: model.Expression) -> frozenset[ChangedPlace]:
     """Return what a script in Python may change in lists, mappings or objects, which other variables may hold too."""
     changes = set[ChangedPlace]()
@@ -309,7 +325,8 @@ def changes_in_place(script: model.Expression) -> frozenset[ChangedPlace]:
             changes |= {(name, False) for name in handed_over(node)}
     if not all(map(is_understood, nodes)):
         changes |= {(name, False) for node in nodes for name in _names_of(node)}
-    return frozenset(changes)
+    local = _local_names(script)
+    return frozenset((local.get(name, name), itself) for name, itself in changes)
 
 
 def _of_numbers(node: ast.AugAssign) -> bool:

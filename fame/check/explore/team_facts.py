@@ -25,6 +25,7 @@ class TeamFacts:
     counted  variables with lists of which only the length is read
     unknown  variables whose values are certainly unknown
     aliases  variables that may hold the same list or mapping
+    coarse   the same and more, for what may count as changed to have fewer states
     late     variables that functions of JavaScript may set at any time, "" for all
     leaked   variables whose values functions may change that a script has left, see `Aliases.holders`
     catches  the codes that error events catch; "": any
@@ -40,6 +41,7 @@ class TeamFacts:
     counted: frozenset[str]
     unknown: frozenset[str]
     aliases: Aliases
+    coarse: Aliases
     leaked: frozenset[str]
     late: frozenset[str]
     catches: frozenset[str]
@@ -69,7 +71,8 @@ def facts_of(
         (thrown if throws else caught).add(topic)
     from_outside = caught - thrown
     computed = computed_topics((node for process in processes for node in process.body.walk()), "publish")
-    aliases = Aliases(body for process in processes for body in process.body.bodies())
+    bodies = [body for process in processes for body in process.body.bodies()]
+    aliases = Aliases(bodies)
     left = {name for one in processes for node in one.body.walk() for name in script_effects(node).leaves}
     return TeamFacts(
         types=types,
@@ -82,6 +85,7 @@ def facts_of(
         # A state that is given may hold a value that nothing in the model explains.
         unknown=frozenset() if given else unknown_variables(processes, from_outside, parameters),
         aliases=aliases,
+        coarse=Aliases(bodies, coarse=True),
         leaked=frozenset(left.union(*(aliases.of((name, False)) for name in left))),
         late=frozenset(
             name for one in processes for node in one.body.walk() for name in _set_late(script_effects(node))
