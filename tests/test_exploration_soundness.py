@@ -3,6 +3,7 @@
 import pytest
 from collaborations import Steps, text_of
 from compare_explorations import LIMIT, denied
+from sliced_scripts import denied as denied_of_scripts
 
 import fame
 from fame.check.explore import Exploration
@@ -26,6 +27,13 @@ def test_no_run_shows_what_an_exploration_denies(part: int, size: int) -> None:
     looked = [denied(seed) for seed in range(part * size, part * size + size)]
     assert not [difference for _, differences in looked for difference in differences]
     assert any(whole for whole, _ in looked)
+
+
+@pytest.mark.long_but("*-40")
+@pytest.mark.parametrize(("part", "size"), [*((part, 40) for part in range(2)), *((part, 500) for part in range(1, 5))])
+def test_no_run_of_scripts_does_what_their_exploration_denies(part: int, size: int) -> None:
+    """Scripts with aliases, changes in place and exceptions, of which an exploration leaves parts out."""
+    assert not [one for seed in range(part * size, part * size + size) for one in denied_of_scripts(seed)]
 
 
 @pytest.mark.parametrize("inside", [["run n = 1"], [("guard", ["raise c"], "error", ["end"])]])
