@@ -255,7 +255,7 @@ COMMANDS: Mapping[str, Mapping[str, str]] = {
         "templates": "fame.cli.models:add_templates",
         "topic": "fame.cli.monitor.ros:add_topic",
         "param": "fame.cli.monitor.ros:add_param",
-        "unit": "fame.cli.unit:add",
+        "unit": "fame.cli.fleet.unit:add",
         "completion": "fame.cli.completion:add",
         "docs": "fame.cli.docs:add",
     },

@@ -43,7 +43,8 @@ def test_help_is_one_screen_with_all_commands_in_groups(capsys) -> None:
         part.replace("|", " | ").split() for line in lines[rooms + 1 : -2] for part in line.partition(":")[0].split(";")
     ]
     assert {words[0] for words in parts} == {
-        "view", "draw", "campaign", "inventory", "doctor", "edit", "diff", "test", "monitor", "topic", "param", "router"
+        "view", "draw", "campaign", "inventory", "doctor", "edit", "diff", "test", "monitor", "topic", "param",
+        "router", "unit",
     }  # fmt: skip
     core = [line.split() for line in lines[:rooms] if line.startswith(" ")]
     commands = [words[:1] if words[0] == "log" or words[1][0].isupper() else words for words in core]

@@ -1,1 +1,1 @@
-"""Commands for robots in the field: ``fame doctor``, ``inventory`` and ``log collect``."""
+"""Commands for robots in the field: ``fame doctor``, ``inventory``, ``unit`` and ``log collect``."""
