@@ -225,6 +225,7 @@ def sent_again(team: Team) -> Iterator[str]:
         allowed = {"cancel"} if RETRIES[round(place.z)] == "never" else {"cancel", "crash", "server"}
         excused = any(last.get(key, 0) <= at <= time and why in allowed for at, why in robot.excuses)
         started = team.plan.mission is not None and is_started(team.plan.mission, robot.name)
+        excused |= robot.witness.changed and last.get(key) == time  # by two tokens, after a move
         if key in last and not (excused or started):
             yield f"{robot.name} has sent its goal {place.x:g} again, retry {RETRIES[round(place.z)]}"
         last[key] = time

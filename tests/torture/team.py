@@ -673,7 +673,7 @@ class Team:
     def _check_goal(self, goal: ServerGoal, server: str) -> None:
         """A goal is executed once; another one for the same, after a crash too, only if the first is cancelled.
 
-        What was sent first may arrive last.
+        What was sent first may arrive last. Two tokens may make one goal each at one instant, after a move by a person.
         """
         robot, number = self.robots[goal.message.pose.header.frame_id], round(goal.message.pose.pose.position.x)
         last = self._sent.get((server, robot.name, number), b"")
@@ -681,6 +681,7 @@ class Team:
         first, second = sorted((since, left))
         excused = any(first <= time <= second and why in ("cancel", "server") for time, why in robot.excuses)
         started = self.plan.mission is not None and is_started(self.plan.mission, robot.name)
+        excused |= robot.witness.changed and self._left.get(last) == left
         if since >= 0 and robot.durable and not (robot.spoilt or excused or started):
             self.problems.append(f"{robot.name} has sent its goal {number} again, which its server has")
         self._sent[server, robot.name, number] = goal.id
