@@ -198,6 +198,7 @@ WARNINGS = {
     "choreography.bpmn": ["<choreography> has no effect"],
     "flowable.bpmn": [
         "assignee='${initiator}' has no effect: expected names, not an expression",
+        "any answer is accepted: its form plan-form is in no .form file beside the model, and not embedded",
         "flowable:executionListener is not run: FAME has no listeners",
     ],
     "signavio.bpmn": [

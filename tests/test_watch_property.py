@@ -168,10 +168,10 @@ def reaction(middleware: str, folder: Path, *, killed: bool = False) -> tuple[li
                 engines["B"] = Popen(words["B"], env=ENVIRONMENT)
 
             def hear(message: Any) -> None:
-                if '"A3"' in message.data and "stop" not in seen:  # who records knows that A has thrown /go
+                if '"A3"' in message.data and "stop" not in seen:  # who records hears of it before A is stopped
                     seen.append("stop")
-                    engines["A"].send_signal(signal.SIGSTOP)
-                    scheduler.after(SECOND, start_again if killed else lambda: None)
+                    scheduler.after(SECOND // 2, lambda: engines["A"].send_signal(signal.SIGSTOP))
+                    scheduler.after(SECOND * 3 // 2, start_again if killed else lambda: None)
 
             node.subscription("/A/bpmn_events", STRING, hear)
             node.subscription("/done", EMPTY, lambda _: seen.append("done"))

@@ -45,8 +45,8 @@ SHARED = "_shared_"
 """The name under which scripts call `shared`."""
 ChangedPlace = tuple[str, bool]
 """A variable that a script changes in place, and whether it is only the object of the variable itself."""
-How = Literal["is", "holds", "into", "inside"]
-Flow = tuple[Set[str], Set[str], How]
+FlowKind = Literal["is", "holds", "into", "inside"]
+Flow = tuple[Set[str], Set[str], FlowKind]
 """(from, to, how): how values flow. The object of the second may be one of the first, or is new and holds some; or they
 were put into the object that it had, or into one inside of it."""
 
@@ -270,7 +270,7 @@ def _assigned(targets: Sequence[ast.expr], value: ast.expr, mappings: Set[str]) 
                 yield parts, parts_in(one.value), _put(one.value)
 
 
-def _put(place: ast.expr) -> How:
+def _put(place: ast.expr) -> FlowKind:
     """How something is put into the object that an expression gives."""
     return "into" if isinstance(place, ast.Name) else "inside"
 
