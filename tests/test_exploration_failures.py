@@ -518,6 +518,18 @@ def test_conditions_that_cover_all_numbers_leave_out_other_values(conditions: tu
     assert found.verdict == ("refuted" if guard else "proved"), found
 
 
+@pytest.mark.parametrize("condition", ["why.foo &lt; 1", "open(why)", "=why &lt; 1"])
+def test_a_condition_that_is_not_executed_may_fail_where_that_is_caught(condition: str) -> None:
+    language = "" if condition[0] == "=" else 'language="python"'
+    flows = (
+        f'<sequenceFlow id="F" sourceRef="B1" targetRef="E"><conditionExpression {language}>{condition}'
+        f'</conditionExpression></sequenceFlow><endEvent id="E"/><endEvent id="D"/>{flow("B1", "D")}'
+    )
+    inside = around(f'<exclusiveGateway id="B1" default="B1_D"/>{flows}')
+    found = judged(goes(inside, boundary(), first=SETS.format("1")), "never P starts Gave")
+    assert found.verdict == ("refuted" if language else "proved"), found
+
+
 @pytest.mark.parametrize(
     ("text", "verdict"),
     [

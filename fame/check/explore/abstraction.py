@@ -81,8 +81,8 @@ class Abstraction:
     matters  topics whose payload decides something
     steps    what each step does, by its name
     caught   scripts with an error event at their task, at a sub-process around it, or in one
-    guarded  scripts whose exceptions an error event may catch
-    risky    scripts that may raise something on values of the kind that they expect
+    guarded  scripts, timers and gateways whose exceptions an error event may catch
+    risky    scripts that may raise something on values of the kind that they expect, timers, and gateways of `guarded`
     asks     script that waits for actions and services -> the codes with which it may fail because of them
     computed (throwing event, text of its computed code) -> the named codes that it may have
     counts   (element, text) of a collection or cardinality -> whether it is a cardinality
@@ -200,6 +200,9 @@ class _Rewriter:
             case model.CallActivity():
                 return self._call(node, guarded)
             case model.Gateway():
+                if self._is_noticed(node, guarded, "script"):
+                    self.to.risky.add(node.id)
+                    self.to.guarded.add(node.id)
                 return node if self._is_noticed(node, guarded, "no_flow") else _with_way_out(node, guarded.body)
             case model.Event():
                 return self._event(node, guarded)

@@ -366,8 +366,14 @@ class ExplorationHost:
         return run_unmarked
 
     def _uncomputed(self, element: str, step: AbstractStep) -> Callable[..., Any]:
+        """An expression that is not executed: its value is unknown. It may also fail where an error event notices."""
+        noticed = element in self.guarded and element in self.risky
+
         def evaluate(variables: dict[str, Any]) -> Any:
             self.compute(element)
+            if noticed and self.choose(2):
+                self.outcome.supposed.add(element)
+                raise BpmnError("script", MARK)
             self._begin_step(step, variables)
             return self.values.unknown
 
