@@ -289,8 +289,9 @@ class Witness:
             if settled and not engine._no_memory:
                 self._before = engine.deployed, state_of(node), timers_of(node), requests_of(recorder)
 
-    def watch(self, engine: EngineNode) -> None:
-        """Compare what this process resumes."""
+    def watch(self, now: float, engine: EngineNode) -> None:
+        """Compare what this process resumes, which begins now (s)."""
+        self._busy_at = now
         if not self.clocks_are_right:  # a clock set forward is as a longer outage: what was under way is due earlier
             self._begun.clear()
         take_over = engine._take_over

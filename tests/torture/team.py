@@ -44,7 +44,7 @@ from fame.scripting.cancelled_goals import BOUND
 
 from .disks import PowerLoss
 from .drawn import ASK, GOALS, Mission, accepts, durations_of, end_goal, help_needed, is_started, text_of, walk
-from .fabric import Fabric, Wire
+from .fabric import LEASE, Fabric, Wire
 from .missions import DRIVE, WORK, mission, text
 from .plan import DESK, DISK_FAULTS, PROGRAMS, SPLITTERS, Plan, Step
 from .processes import WRITING, EndlessRunError, Machine, Process, Timeline
@@ -479,9 +479,12 @@ class Team:
             process.soon(partial(self._run_program, program, process, wire))
 
     def _run_program(self, program: Program, process: Process, wire: Wire) -> None:
+        self._server_is_back()
+        program.node = program.begin(process, wire)
+
+    def _server_is_back(self) -> None:
         for robot in self.robots.values():
             robot.excuses.append((self.scheduler.now / SECOND, "server"))
-        program.node = program.begin(process, wire)
 
     def _strike_program(self, program: Program, how: str, seconds: float) -> bool:
         """A splitter or server is killed, and started again later, or stopped for a while."""
@@ -489,6 +492,7 @@ class Team:
             return False
         if how == "stop":
             self._stop(program.process, seconds)
+            self._later(seconds, self._server_is_back if seconds >= LEASE else lambda: None)
         else:
             self.fabric.leave(program.wire)
             program.process = program.wire = None
@@ -754,7 +758,7 @@ class Team:
         """Note every answer that an engine gives."""
         publish, asked = engine.status.publish, set[str]()
         robot.promised = promised = dict[str, float]()
-        robot.witness.watch(engine)
+        robot.witness.watch(self.scheduler.now / SECOND, engine)
 
         def published(answer: str = "", deployment: str = "", reason: str = "", *rest: Any, **more: Any) -> None:
             if answer and not more.get("repeated"):
