@@ -314,6 +314,12 @@ def test_every_transition_keeps_what_the_protocol_promises():
     assert len(states) > 500
 
 
+def test_what_the_engine_before_promised_is_loaded_though_a_newer_one_was_renounced():
+    state, actions = step(RobotDeployment("A", promises=(Kept(FIRST),)), told("ask", SECOND, born="earlier"))
+    assert [one for one in actions if isinstance(one, Reply)][-1].deployment == "d2"
+    assert step(replace(state, newest=SECOND.order), Received(FIRST))[1] == (ScheduleLoad(),)
+
+
 def test_a_robot_that_nobody_talks_to_any_more_comes_to_rest():
     """Results arrive and timers fire, but no envelope: whatever waits is loaded, and no promise is made forever."""
     for state in {following for _, _, following, _ in reachable()}:
@@ -322,6 +328,7 @@ def test_a_robot_that_nobody_talks_to_any_more_comes_to_rest():
                 break
             state, _ = step(state, event)
         assert state.waiting is None or state.candidate is not None, state
+        assert not state.promises or state.candidate is not None, state
         assert state.loading is None, state
         assert state.candidate is None or state.candidate.asks, state
 

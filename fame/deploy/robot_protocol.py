@@ -153,7 +153,7 @@ class _Transition:
         newest = max(self.state.newest, waiting.order) if waiting is not None else self.state.newest
         if envelope.phase == "load" and self._is_known(deployment):
             self._repeat(deployment, Reply("", deployment))
-        elif envelope.phase == "load" and envelope.order <= newest:
+        elif envelope.phase == "load" and envelope.order <= newest and not self._is_promised(deployment):
             self._do(Reply("stale", deployment, f"sequence {envelope.sequence} is not newer than {newest[0]}"))
         elif envelope.joins and self.state.running is not None and not self._is_promised(deployment):
             self._do(Reply("refused", deployment, _HAS_ONE))
