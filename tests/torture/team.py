@@ -691,15 +691,20 @@ class Team:
         self._sent[server, robot.name, number] = goal.id
 
     def _check_lost(self, robot: Robot, element: str) -> None:
-        """A goal that its server had when a robot was started, the server knows when it is asked."""
+        """A goal that its server had when a robot was started, the server knows when it is asked.
+
+        Of several tokens at the element, it may be another one's.
+        """
         program, node = self.programs["server"], robot.engine.running if robot.engine is not None else None
         if program.process is None or node is None or node.host.recorder is None:
             return
         server = program.process.name
-        for wait, (goal, *_) in node.host.recorder._goals.items():
-            begun = self._begun.get((server, bytes.fromhex(goal)), math.inf)
-            if wait.alive and wait.node.id == element and 0 <= begun < robot.began:
-                self.problems.append(f"{robot.name} says that its server does not know a goal of {element}: it does")
+        goals = [
+            goal for wait, (goal, *_) in node.host.recorder._goals.items() if wait.alive and wait.node.id == element
+        ]
+        begun = [self._begun.get((server, bytes.fromhex(goal)), math.inf) for goal in goals]
+        if begun and all(0 <= one < robot.began for one in begun):
+            self.problems.append(f"{robot.name} says that its server does not know a goal of {element}: it does")
 
     def _check_followed(self) -> None:
         """A goal that is executed is one that a task waits for, or was cancelled and is not lost sight of."""
