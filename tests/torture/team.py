@@ -84,7 +84,7 @@ class Said:
     answer: str
     deployment: str
     reason: str
-    effects: int
+    effects: int = 0
 
 
 @dataclass
