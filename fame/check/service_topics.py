@@ -123,7 +123,8 @@ def named_files(root: CheckedProcess, folder: Path) -> list[str]:
 
 def _variables(process: CheckedProcess, node: FlowNode) -> dict[str, Any]:
     """The variables that data objects and mappings give to an element: their values if constant, else None."""
-    texts = {name: text for body in process.bodies() for one in body.data_objects if one.id in node.data_inputs
+    objects = (one for body in process.bodies() for one in body.data_objects) if node.data_inputs else ()
+    texts = {name: text for one in objects if one.id in node.data_inputs
              for name, text in one.values if text.text.strip()}  # fmt: skip
     texts |= {item.target: item.source for item in (node.io.inputs if node.io is not None else ())}
     return {name: constant(text)[0] for name, text in texts.items()}

@@ -377,9 +377,10 @@ def _passed_twice(process: CheckedProcess, graph: FlowGraph) -> Iterator[Finding
     """Catching events whose queue keeps a signal that is caught before: by an event or a script, also inside of an
     activity, in what it calls, or while it runs."""
     reported: set[tuple[str, str]] = set()
+    events = [one for one in graph.body.nodes if one.place == "boundary" and not one.interrupting]
     starting = {id for node in graph.starts() for id in (node.id, *graph.following[node.id]) if node.instantiate}
     for node in (one for one in graph.body.nodes if one.id not in starting):  # an instance keeps not what starts it
-        beside = [one for one in graph.body.nodes if one.attached_to == node.id and not one.interrupting]
+        beside = [one for one in events if one.attached_to == node.id]
         inside = [one for _, one in executed(process, node, set())]
         handlers = (
             start for one in inside if one.triggered_by_event and one.body for start in one.body.events("start")
