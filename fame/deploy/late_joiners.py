@@ -132,7 +132,7 @@ def step(state: JoinersState, event: LateJoinerEvent) -> tuple[JoinersState, tup
         case Reported(robot, reported, ours):
             state = _placed(state, robot, ours)
             waiting = state.waiting | {robot} if reported == "waiting" else state.waiting - {robot}
-            supplied = state.supplied | {robot} if ours else state.supplied  # also if nobody has heard that it started
+            supplied = state.supplied | {robot} if ours else state.supplied  # its answer `started` may be lost
             state = replace(state, waiting=waiting, supplied=supplied)
             return state, (Withdraw(),) if state.deploying and _has_gone_on(state) else ()
         case Left(robot):

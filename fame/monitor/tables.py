@@ -275,7 +275,7 @@ def _row(line: str, path: Path, number: int, separator: str) -> list[str]:
 
 
 def _float(text: str) -> float:
-    """Read a number as other tools do: Python's 1_0 is none. Raises ValueError."""
+    """Read a number as other tools do, without the underscores of Python (1_0). Raises ValueError."""
     if "_" in text or not text.strip().isascii():
         raise ValueError(text)
     return float(text)
