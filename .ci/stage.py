@@ -4,10 +4,10 @@
     stage.py NAME [--no-skips] [OPTION...] -- ARGUMENT...   pytest, as `python -m pytest OPTION... ARGUMENT...`
     stage.py --bare COMMAND...                              a command where there is no browser, node, cmake and ROS
 
-Skips are counted with their reasons; --no-skips makes any skip an error. A failed test of those marked `processes` is
-run once more, alone, with the OPTIONs: on a shared machine processes meet deadlines late. If it passes then, it is
-printed as FLAKY. More than two of these are an error. So is a process that outlives the tests that started it; it is
-ended.
+Skips are counted with their reasons; --no-skips makes any skip an error. A failed test of those marked `processes`,
+`browser` or `ros` is run once more, alone, with the OPTIONs: on a shared machine processes meet deadlines late. If it
+passes then, it is printed as FLAKY. More than two of these are an error. So is a process that outlives the tests that
+started it; it is ended.
 
 STAGES names a file to which the closing lines are added; what is flaky counts in all stages that use the same file.
 """
@@ -32,6 +32,7 @@ from xml.etree import ElementTree
 
 HIDDEN = ("chrom*", "google-chrome*", "node", "nodejs", "npm", "npx", "cmake", "ros2", "colcon")
 MOST_FLAKY = 2
+REPEATED = ("processes", "browser", "ros")
 MOST_REPEATED = 10  # where more has failed, it is not the machine
 PYTEST = [sys.executable, "-m", "pytest"]
 MARK = "FAME_STAGE"
@@ -61,7 +62,7 @@ def main(words: list[str]) -> int:
 
 
 def run_stage(stage: str, options: list[str], arguments: list[str], *, no_skips: bool) -> int:
-    """Run tests, repeat those of processes that fail, and say what happened. Gives the exit code."""
+    """Run tests, repeat those of other programs that fail, and say what happened. Gives the exit code."""
     os.environ[MARK] = uuid.uuid4().hex
     with TemporaryDirectory() as folder:
         report = Path(folder, "report.xml")
@@ -121,9 +122,10 @@ def skips(cases: list[Case]) -> Counter[str]:
 
 
 def passes_alone(test: str, options: list[str]) -> bool:
-    """Whether a test is one of processes, and passes by itself."""
-    print(f"\nonce more, alone, if it is marked `processes`: {test}", flush=True)
-    return subprocess.run([*PYTEST, *options, "-m", "processes", test], check=False).returncode == 0
+    """Whether a test is one of other programs, and passes by itself."""
+    marked = " or ".join(REPEATED)
+    print(f"\nonce more, alone, if it is marked {marked}: {test}", flush=True)
+    return subprocess.run([*PYTEST, *options, "-m", marked, test], check=False).returncode == 0
 
 
 def end_survivors() -> list[str]:

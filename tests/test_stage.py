@@ -25,8 +25,8 @@ def fails_first(name):
     (here / name).touch()
     assert known
 
-@pytest.mark.processes
-@pytest.mark.parametrize("number", range({flaky} or 1))
+@pytest.mark.parametrize("number", [pytest.param(number, marks=getattr(pytest.mark, mark))
+    for number, mark in enumerate(("processes", "browser", "ros")[:{flaky} or 1])])
 def test_late(number):
     if {flaky}: fails_first(f"late {{number}}")
 
@@ -41,7 +41,7 @@ def test_needs(number): pass
 
 def stage(folder: Path, *words: str, flaky: int = 0, wrong: bool = False, skips: bool = False) -> tuple[int, list[str]]:
     """Exit code and closing lines of a stage with these tests."""
-    (folder / "pytest.ini").write_text("[pytest]\nmarkers = processes\n")
+    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n  processes\n  browser\n  ros\n")
     (folder / "test_it.py").write_text(TESTS.format(flaky=flaky, wrong=wrong, skips=skips))
     closing = folder / "closing"
     command = [sys.executable, str(STAGE), "it", *words, "-p", "no:cacheprovider", "--", "test_it.py"]
@@ -76,7 +76,7 @@ def test_a_module_that_is_skipped_is_a_skip(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_test_of_processes_that_passes_alone_is_flaky(tmp_path: Path) -> None:
+def test_a_test_of_other_programs_that_passes_alone_is_flaky(tmp_path: Path) -> None:
     code, lines = stage(tmp_path, flaky=2)
     assert (code, lines[1:]) == (0, ["FLAKY test_it.py::test_late[0]", "FLAKY test_it.py::test_late[1]"])
 
