@@ -115,6 +115,10 @@ def take(browser: Browser, shot: Shot, path: Path, folder: Path) -> None:
         page.wait_for_timeout(1000)
         page.screenshot(path=path)
         page.close()
+    with Image.open(path) as picture:  # a page has few colours: with a palette it takes a third
+        picture.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
+            path, optimize=True
+        )
 
 
 if __name__ == "__main__":
