@@ -376,6 +376,10 @@ def test_names_of_pools_and_lanes_stay_while_one_scrolls_above_where_they_are_up
         )
         page.evaluate("fame.load(fame.mission)")  # as when the model is saved
         becomes(page, places, pinned)
+        moved = """(async () => { const drawn = fame.load(fame.mission); fame.diagram.view.shift(0, -50);
+          const before = PLACES; await drawn; return [before, PLACES]; })()""".replace("PLACES", places)
+        before, after = page.evaluate(moved)
+        assert before == after != pinned  # also while it is drawn anew
         names = "[...document.querySelectorAll('.drawing text:not([hidden])')].map((one) => (({x, y, width, height}) => [x, y, width, height])(one.getBoundingClientRect()))"
         assert len(page.evaluate(names)) == 5  # not those of pools
         assert page.evaluate(f"({OVERLAPPING})({names})") == []

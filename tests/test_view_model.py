@@ -166,6 +166,18 @@ def test_what_is_saved_while_the_files_are_read_is_read_again(model: Path, monke
         eventually(lambda: "Nowhere" in "".join(texts(watch)))
 
 
+def test_a_page_loads_its_model_once_and_again_when_it_is_another(chromium: Browser, watch: ModelWatch) -> None:
+    loads, told = [], []
+    mission, news = watch.mission, watch.news
+    watch.mission = lambda: loads.append(1) or mission()
+    watch.news = lambda known: told.append(known) or news(known)
+    with opened(chromium, watch) as page:
+        eventually(lambda: len(told) > 1)  # the page has been told what the model is
+        watch._version += 1
+        until(page, "fame.mission.version === 1")
+    assert len(loads) == 2
+
+
 def test_a_reading_while_the_page_is_made_is_news_to_it(watch: ModelWatch, monkeypatch: pytest.MonkeyPatch) -> None:
     real = fame.view.watch._chips
 
@@ -174,7 +186,7 @@ def test_a_reading_while_the_page_is_made_is_news_to_it(watch: ModelWatch, monke
         return real(findings)
 
     monkeypatch.setattr("fame.view.watch._chips", read_then_chips)
-    assert watch.news(watch.mission()["version"])[1] == [{"type": "reload"}]
+    assert watch.news(watch.mission()["version"])[1] == [{"type": "reload", "version": 1}]
 
 
 def test_no_file_is_an_error(tmp_path: Path) -> None:

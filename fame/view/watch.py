@@ -59,7 +59,7 @@ class FileWatch(Closing):
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         version = self._version
-        return version, [] if known == version else [{"type": "reload"}]
+        return version, [] if known == version else [{"type": "reload", "version": version}]
 
 
 @dataclass(slots=True)

@@ -230,7 +230,7 @@ export class Diagram {
   placed(x, y, scale) {
     this.sheet.setAttribute("transform", `translate(${x} ${y}) scale(${scale})`);
     if (this.current === undefined) return;
-    this.overview.update(this.app.state);
+    if (this.app.drawing) this.overview.update(this.app.state);
     const { width, height } = this.view.box();
     this.current.pins.place([x, y], scale, [width, height], this.app.mission.robots[this.app.selected.robot]?.pool);
     const level = 2 ** (Math.floor(Math.log2(scale) * 8) / 8);
@@ -373,6 +373,7 @@ export class Diagram {
   }
 
   nothing(title, advice) {
+    this.current = undefined;
     this.paper.setAttribute("hidden", "");
     this.empty.hidden = false;
     show(this.empty, h("strong", null, title), h("p", null, advice));

@@ -141,6 +141,14 @@ export class App {
     return this.reloading;
   }
 
+  /** Take the mission as it is now, if those that are on their way have another version. */
+  async renew({ version }) {
+    await this.reloading.catch(() => {});
+    if (version !== undefined && version === this.mission.version) return;
+    await this.reload();
+    this.prefetch();
+  }
+
   /** Take the mission, or a new one that differs. Nothing of it is drawn before its diagram is there. */
   async load(mission) {
     const models = JSON.stringify([mission.models, mission.planes]);
@@ -160,6 +168,9 @@ export class App {
     this.drawing = false;
     try {
       if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
+    } catch (error) {
+      this.diagram.current = undefined; // its elements have other numbers
+      throw error;
     } finally {
       this.drawing = true;
     }
@@ -177,7 +188,6 @@ export class App {
   async redrawDiagram(trail) {
     const { mission, diagram } = this;
     diagram.planes.clear();
-    diagram.current = undefined;
     diagram.trail = trail;
     if (trail.length) {
       await diagram.draw(trail.at(-1)[0]);
@@ -255,7 +265,7 @@ export class App {
       return;
     }
     if (news.type === "run") this.run(news);
-    else if (news.type === "reload") this.reload().then(() => this.prefetch());
+    else if (news.type === "reload") this.renew(news);
     this.redraw();
   }
 
