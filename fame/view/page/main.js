@@ -165,15 +165,7 @@ export class App {
     }
     const same = models === this.models;
     this.models = models;
-    this.drawing = false;
-    try {
-      if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
-    } catch (error) {
-      this.diagram.current = undefined; // its elements have other numbers
-      throw error;
-    } finally {
-      this.drawing = true;
-    }
+    if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
     this.heading();
     document.body.dataset.kind = mission.kind;
     if (mission.kind === "model") this.tabs.choose("diagram", false);
@@ -186,16 +178,26 @@ export class App {
 
   /** Draw the models anew: the same place at the same zoom, if it is still there. */
   async redrawDiagram(trail) {
-    const { mission, diagram } = this;
+    const { diagram } = this;
+    this.drawing = false;
     diagram.planes.clear();
     diagram.trail = trail;
-    if (trail.length) {
-      await diagram.draw(trail.at(-1)[0]);
-      return;
+    try {
+      if (trail.length) await diagram.draw(trail.at(-1)[0]);
+      else await this.openDiagram();
+    } catch (error) {
+      diagram.current = undefined; // its elements have other numbers
+      throw error;
+    } finally {
+      this.drawing = true;
     }
+  }
+
+  async openDiagram() {
+    const { mission, diagram } = this;
     diagram.plane = -1;
     if (mission.planes.length) await diagram.open(Math.max(0, mission.robots[mission.order[0]]?.plane ?? 0));
-    else if (mission.models.length) diagram.draw(-1);
+    else if (mission.models.length) await diagram.draw(-1);
     else diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
   }
 
