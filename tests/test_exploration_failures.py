@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from bpmn_text import document, properties
 
+from fame.bpmn.model import Expression
 from fame.bpmn.reader import read_text
 from fame.check.explore import deliveries, search
 from fame.check.explore.graph import Explored
@@ -15,6 +16,7 @@ from fame.properties.grammar import parse
 from fame.properties.sentence import NOWHERE
 from fame.scenario import Completion, Scenario
 from fame.scenario.explore.exploration import explore
+from fame.scripting.effects import effects_of
 from fame.testing import MissionLoader
 from fame.testing.explored_runs import play
 
@@ -295,6 +297,29 @@ def test_a_script_in_javascript_that_throws_may_fail() -> None:
     """It was called invalid Python."""
     throws = script("throw new Error('low'); next();").replace("python", "javascript")
     assert judged(goes(throws), "never P fails").verdict == "refuted"
+
+
+@pytest.mark.parametrize(
+    ("text", "fails"),
+    [
+        ("next(error);", True),
+        ("this.next(new Error('low'));", True),
+        ("next(`${low}`);", True),
+        ("const done = next; done(1);", True),
+        ("client.sendRequest({}, next);", True),
+        ("setTimeout(next, 100, 'late');", True),
+        ("next();", False),
+        ("next(null, 1);", False),
+        ("// next(error)\nthis.next( undefined );", False),
+        ("setTimeout(next, 100);", False),
+    ],
+)
+def test_a_script_in_javascript_may_fail_by_its_callback(text: str, fails: bool) -> None:
+    """It was said never to."""
+    expression = Expression(text, "javascript")
+    assert effects_of(expression, script=True).fails == fails
+    if fails:
+        assert judged(goes(script(text).replace("python", "javascript")), "never P fails").verdict == "refuted"
 
 
 @pytest.mark.parametrize("text", [ACT, ASKS, "await sleep(1); raise BpmnError(x)"])

@@ -74,6 +74,12 @@ _STEADY_NAMES = ("Infinity", "NaN", "environment", "this", "undefined")
 _STEADY_WORDS = {"Infinity", "NaN", "undefined", "true", "false", "null", "typeof"}
 _STRING = re.compile(r"""'[^'\\]*'|"[^"\\]*\"""")
 _VARIABLE = re.compile(r"\bthis\.environment\.variables(\??\.(?!ros_node\b|node\b)[\w$]+)+")
+_NEXT = re.compile(
+    r"""(?<![\w$.])next\b | \bthis\s*\??\.\s*next\b | (?<=\.)\s*next\b(?=\s*(?:\?\.\s*)?\((?!\s*\)))""", re.VERBOSE
+)
+"""The callback of a script; of another object, a method of this name with an argument."""
+_WITHOUT_ERROR = re.compile(r"\s*(?:\?\.\s*)?\(\s*(?:null|undefined|false)?\s*[,)]")
+_ENDS_LATER = re.compile(rf"\bsetTimeout\s*\(\s*(?:{_NEXT.pattern})\s*(?:,\s*[\w.$]+\s*)?\)", re.VERBOSE)
 _EFFECT = re.compile(r"[\w$\])]\s*(\?\.)?\(|[`/]|\+\+|--|=>|>>=|<<=|(?<![=!<>])=(?!=)")
 """A call, an assignment, or what hides one."""
 
@@ -161,6 +167,13 @@ class JavaScriptEffects(Effects):
     @property
     def codes(self) -> None:
         return None
+
+    @cached_property
+    def fails(self) -> bool:
+        if super().fails:
+            return True
+        code = _ENDS_LATER.sub("", _LITERAL.sub(_without, self.expression.text))
+        return any(not _WITHOUT_ERROR.match(code, found.end()) for found in _NEXT.finditer(code))
 
     @property
     def waits(self) -> bool:
