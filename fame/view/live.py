@@ -25,7 +25,7 @@ from fame.scenario.run import Run
 from fame.view.catalogue import Catalogue
 from fame.view.control import COMMANDS, RunControl, can_be_steered, faults_of
 from fame.view.mission import Chip, mission_json, place_of
-from fame.view.sink import PageSink
+from fame.view.sink import VERSIONS, PageSink
 
 _MOVES = frozenset(("enter", "leave", "cancel", "fail", "start", "end"))
 _TICK = SECOND // 10
@@ -44,7 +44,7 @@ class LiveRun(PageSink):
         self._scenario = scenario
         self._ended = self._failure = ""
         self._repeats = control.pause_at
-        self._missions = 0
+        self._version = next(VERSIONS)
         self._changed = False  # whether the robots have gone over to another model
         self._time = 0
         self._lost: dict[str, int] = {}  # robots whose engine is gone, and since when (ns)
@@ -58,7 +58,8 @@ class LiveRun(PageSink):
 
     def advance(self, run: Run, until: int) -> None:
         """As `fame.scenario.run.Pace` says: `control` decides."""
-        self._run = run
+        if self._run is not run:  # its robots are there, and what can fail of them
+            self._run, self._version = run, next(VERSIONS)
         self.control_of_run.advance(run, until)
         self._time = run.scheduler.now
         for robot in run.dead - self._lost.keys():
@@ -101,7 +102,7 @@ class LiveRun(PageSink):
             for robot in plan.cast:
                 packer.run(packer.robot(robot), [numbers[file] for file in self.observer.files])
             self._scenario, self._changed = plan, True
-            self._missions += 1
+            self._version = next(VERSIONS)
         self.observer.take_over(plan.cast)
 
     @property
@@ -112,7 +113,7 @@ class LiveRun(PageSink):
     def hand_over(self) -> None:
         """Give pages the controls: the run has come to where commands begin."""
         self._repeats = None
-        self._missions += 1
+        self._version = next(VERSIONS)
 
     def end(self, status: str, failure: str = "") -> None:
         """End the run, with a status; `failure` says why it could not be run."""
@@ -120,12 +121,13 @@ class LiveRun(PageSink):
         if self.observer.begun and not failure:  # which may have come in the middle of a record
             self.observer.finish()
         self._ended = status
-        self._missions += 1
+        self._version = next(VERSIONS)
         self.control_of_run.finish()
 
     # ---- for the page ------------------------------------------------------------------------------------------------
 
     def mission(self) -> Mapping[str, Any]:
+        version = self._version  # before the content: what changes in between is news
         with self._lock:
             found = mission_json(
                 "live",
@@ -138,6 +140,7 @@ class LiveRun(PageSink):
                 control=[] if self._ended or self._repeats is not None else list(COMMANDS),
                 faults=faults_of(self._run) if self._run is not None else [],
                 messages=True,
+                version=version,
             )
             for number, robot in enumerate(found["robots"] if self._changed else ()):
                 robot |= place_of(self._packer, number, self._scenario.cast[robot["name"]].process.id)
@@ -151,7 +154,7 @@ class LiveRun(PageSink):
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
-            return self.growth(known, self._status(), self._missions)
+            return self.growth(known, self._status(), self._version)
 
     def _status(self) -> dict[str, Any]:
         control = self.control_of_run

@@ -185,8 +185,9 @@ class Replay(Closing):
                         self._reading = (message.time - recording.start) / length
         except Exception as error:  # whatever it is: the page must not take what was read for the whole
             text = str(error) if isinstance(error, FameError) else f"{type(error).__name__}: {error}"
-            self._failure = f"the rest of the recording cannot be shown: {text}"
-            self.notices.append(self._failure)
+            failure = f"the rest of the recording cannot be shown: {text}"
+            self.notices.append(failure)
+            self._failure = failure  # after what the page gets: until then it is news
         with self._lock:
             self._done, self._reading = len(packer.blocks), 1.0
 
@@ -209,7 +210,7 @@ class Replay(Closing):
     def mission(self) -> Mapping[str, Any]:
         recording = self._recording
         with self._lock:
-            done, reading = self._done, self._reading
+            done, reading, version = self._done, self._reading, self._failure
         found = mission_json(
             "recording",
             self._title(),
@@ -223,6 +224,7 @@ class Replay(Closing):
             control=[*self._acts()],
             empty=["The recording has no models", "It shows timeline, variables and log, but no diagrams."],
             messages=not {*self._topics} <= {*_OWN},
+            version=version,
         )
         if self._monitor is not None:
             found["monitor"] = {**self._monitor, "begin": self._offset}
@@ -301,8 +303,7 @@ class Replay(Closing):
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
-            done, reading = self._done, self._reading
-        now = (done, reading, self._failure)
+            now = done, reading, failure = self._done, self._reading, self._failure
         if known == now:
             return known, []
         first, _, told = known if known is not None else (0, 0.0, "")
@@ -314,7 +315,7 @@ class Replay(Closing):
         }
         if len(self.catalogue.elements) > self._elements:
             news |= {"from": self._elements, "elements": self.catalogue.elements_json(self._elements)}
-        return now, [news] if told == self._failure else [news, {"type": "reload"}]
+        return now, [news] if told == failure else [news, {"type": "reload", "version": failure}]
 
     def tasks(self, element: str) -> list[Human]:
         return self.catalogue.tasks(element)

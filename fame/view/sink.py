@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import Human
@@ -14,18 +15,21 @@ from fame.middleware.messages import Message
 from fame.view.blocks import BlockSize, Packer
 from fame.view.catalogue import Catalogue
 
+VERSIONS: Iterator[int] = count()
+"""Of missions: no two of a process are the same, also of runs that follow each other on one page."""
+
 
 class Known(NamedTuple):
     """What a page has: the last block (-1: none) and the part of it, elements, and the status of the run.
 
-    `mission` is another one when what the page got first has changed.
+    `mission` is another one when what the page got first has changed; its version.
     """
 
     block: int
     mark: BlockSize | None
     elements: int
     status: str
-    mission: Hashable
+    mission: int | str
 
 
 class PageSink(Sink):
@@ -67,7 +71,7 @@ class PageSink(Sink):
             return self._packer.blocks[number].to_json()
 
     def growth(
-        self, known: Known | None, status: Mapping[str, Any], mission: Hashable
+        self, known: Known | None, status: Mapping[str, Any], mission: int | str
     ) -> tuple[Known, list[Mapping[str, Any]]]:
         """Return what is new for a page that has `known`, and what it has afterwards."""
         blocks, elements = self._packer.blocks, len(self.catalogue.elements)
@@ -77,7 +81,7 @@ class PageSink(Sink):
             return now, []
         news: list[Mapping[str, Any]] = []
         if known is None or known.mission != now.mission:
-            news.append({"type": "reload"})
+            news.append({"type": "reload", "version": mission})
         if known is None or known.elements != elements or known.block != now.block:
             first, start = (known.elements, max(0, known.block)) if known is not None else (0, 0)
             index = {"type": "index", "blocks": self._packer.index(start), "end": self._packer.end, "reading": 1}

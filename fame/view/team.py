@@ -167,7 +167,7 @@ class TeamView(PageSink, Closing):
 
     def mission(self) -> Mapping[str, Any]:
         with self._lock:
-            packer, team = self._packer, self._recorder.team
+            packer, team, version = self._packer, self._recorder.team, self._version()
             found = mission_json(
                 "live",
                 "Team",
@@ -184,6 +184,7 @@ class TeamView(PageSink, Closing):
                 end=self._time(),
                 control=([*ACTS, "steer"] if self._control else []) + (["change"] if self.change is not None else []),
                 messages=True,
+                version=version,
                 order=[packer.robots.index(robot) for robot in self._order()],
                 empty=[
                     "No robot on the network yet",
@@ -199,9 +200,12 @@ class TeamView(PageSink, Closing):
         with self._lock:
             lost = self._lost()
             status = {"type": "run", "time": self._time(), "over": False, "breakpoints": [], "lost": lost}
-            team = self._recorder.team
-            troubles = *team.gaps.items(), *sorted(team.gone), *team.restarted.items(), *team.foreign
-            return self.growth(known, status, (self._missions, *troubles))
+            return self.growth(known, status, self._version())
+
+    def _version(self) -> str:
+        """The version of the mission."""
+        team = self._recorder.team
+        return repr((self._missions, *team.gaps.items(), *sorted(team.gone), *team.restarted.items(), *team.foreign))
 
     def _time(self) -> int:
         """How far the team has come (ns), also while nothing happens."""

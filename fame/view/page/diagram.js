@@ -143,8 +143,11 @@ export class Diagram {
   constructor(root, app) {
     this.app = app;
     this.planes = new Map();
+    this.coming = new Map(); // promises of these
     this.trail = []; // [plane, opener]: how one came here
     this.plane = -1;
+    /** @type {any} */
+    this.drawn = undefined; // on the sheet: `current`, until the diagram of another mission is there
     this.lit = new Set(); // flows that are taken at the instant shown
     this.shown = undefined; // that instant
     this.opening = false; // whether the part that is shown first has to be found
@@ -194,8 +197,8 @@ export class Diagram {
     this.cuts = cuts;
     keep("localStorage", LABELS, cuts ? "on" : "off");
     this.labels.setAttribute("aria-pressed", String(cuts));
-    if (this.current === undefined) return;
-    this.current.level = Infinity;
+    if (this.drawn === undefined) return;
+    this.drawn.level = Infinity;
     this.view.apply();
   }
 
@@ -229,14 +232,18 @@ export class Diagram {
   /** The content is at a place and scale: names, badges and pins are those that can be read there. */
   placed(x, y, scale) {
     this.sheet.setAttribute("transform", `translate(${x} ${y}) scale(${scale})`);
-    if (this.current === undefined) return;
-    if (this.app.drawing) this.overview.update(this.app.state);
+    const { drawn } = this;
+    if (drawn === undefined) return;
+    if (drawn === this.current) {
+      this.overview.update(this.app.state);
+      drawn.chosen = this.app.mission.robots[this.app.selected.robot]?.pool;
+    }
     const { width, height } = this.view.box();
-    this.current.pins.place([x, y], scale, [width, height], this.app.mission.robots[this.app.selected.robot]?.pool);
+    drawn.pins.place([x, y], scale, [width, height], drawn.chosen);
     const level = 2 ** (Math.floor(Math.log2(scale) * 8) / 8);
-    if (level === this.current.level) return;
-    this.current.level = level;
-    this.current.names.fit(level, this.cuts);
+    if (level === drawn.level) return;
+    drawn.level = level;
+    drawn.names.fit(level, this.cuts);
     this.app.redraw();
   }
 
@@ -347,11 +354,12 @@ export class Diagram {
       return;
     }
     const plane = await this.load(number);
+    if (plane === undefined || this.trail.at(-1)?.[0] !== number) return; // another one is to be shown since
     this.empty.hidden = true;
     this.paper.removeAttribute("hidden");
     const changed = this.plane !== number;
     this.plane = number;
-    this.current = plane;
+    this.current = this.drawn = plane;
     show(this.sheet, plane.drawing, plane.under, plane.over);
     show(this.paper, this.sheet, plane.pins.node);
     if (changed) {
@@ -363,17 +371,35 @@ export class Diagram {
     this.app.redraw();
   }
 
-  /** A plane, with what is drawn on it. */
-  async load(number) {
-    const known = this.planes.get(number);
-    if (known !== undefined) return known;
-    const plane = this.built(await this.app.fetch(`plane/${number}.json`));
-    this.planes.set(number, plane);
-    return plane;
+  /** A plane, with what is drawn on it; undefined if that is of a mission which was forgotten meanwhile. */
+  load(number) {
+    const { planes, coming } = this;
+    if (!coming.has(number)) {
+      const come = async () => {
+        const data = await this.app.fetch(`plane/${number}.json`);
+        if (planes === this.planes) planes.set(number, this.built(data));
+        return planes.get(number);
+      };
+      coming.set(
+        number,
+        come().catch((error) => {
+          coming.delete(number);
+          throw error;
+        }),
+      );
+    }
+    return coming.get(number);
+  }
+
+  /** Another mission is to be drawn: what is shown stays until its diagram is there. */
+  forget() {
+    this.planes = new Map();
+    this.coming = new Map();
+    this.current = undefined;
   }
 
   nothing(title, advice) {
-    this.current = undefined;
+    this.current = this.drawn = undefined;
     this.paper.setAttribute("hidden", "");
     this.empty.hidden = false;
     show(this.empty, h("strong", null, title), h("p", null, advice));

@@ -33,7 +33,7 @@ export class Heat {
   constructor(app) {
     this.app = app;
     this.measure = "times";
-    /** @type {{element: number, rows: any, version?: number}} */
+    /** @type {{element: number, rows: any, version?: number | string}} */
     this.runs = { element: -1, rows: null }; // of the chosen element
   }
 

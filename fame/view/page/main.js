@@ -88,6 +88,8 @@ export class App {
   missing = null; // since when the state at the cursor is being loaded (ms)
   gone = ""; // what has become of the connection, if nothing comes by it
   reloading = Promise.resolve();
+  /** @type {Mission["version"]} */
+  version = undefined; // of the mission, once it is loaded
   drawing = true; // whether the diagram is that of the mission
 
   constructor() {
@@ -134,19 +136,17 @@ export class App {
     this.prefetch();
   }
 
-  /** Take the mission as it is now, after those that are on their way: the last one stays. */
-  reload() {
+  /** Take the mission as it is now, after those that are on their way, unless that is a version which is there. */
+  reload(version) {
     const last = this.reloading.catch(() => {});
-    this.reloading = last.then(async () => this.load(await this.fetch("mission.json")));
+    this.reloading = last.then(async () => {
+      if (version !== undefined && version === this.version) return;
+      this.version = undefined;
+      const mission = await this.fetch("mission.json");
+      await this.load(mission);
+      this.version = mission.version;
+    });
     return this.reloading;
-  }
-
-  /** Take the mission as it is now, if those that are on their way have another version. */
-  async renew({ version }) {
-    await this.reloading.catch(() => {});
-    if (version !== undefined && version === this.mission.version) return;
-    await this.reload();
-    this.prefetch();
   }
 
   /** Take the mission, or a new one that differs. Nothing of it is drawn before its diagram is there. */
@@ -165,7 +165,12 @@ export class App {
     }
     const same = models === this.models;
     this.models = models;
-    if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
+    this.drawing = false;
+    try {
+      if (!same || mission.kind === "model") await this.redrawDiagram(same ? this.diagram.trail : []);
+    } finally {
+      this.drawing = true;
+    }
     this.heading();
     document.body.dataset.kind = mission.kind;
     if (mission.kind === "model") this.tabs.choose("diagram", false);
@@ -178,26 +183,16 @@ export class App {
 
   /** Draw the models anew: the same place at the same zoom, if it is still there. */
   async redrawDiagram(trail) {
-    const { diagram } = this;
-    this.drawing = false;
-    diagram.planes.clear();
-    diagram.trail = trail;
-    try {
-      if (trail.length) await diagram.draw(trail.at(-1)[0]);
-      else await this.openDiagram();
-    } catch (error) {
-      diagram.current = undefined; // its elements have other numbers
-      throw error;
-    } finally {
-      this.drawing = true;
-    }
-  }
-
-  async openDiagram() {
     const { mission, diagram } = this;
+    diagram.forget();
+    diagram.trail = trail;
+    if (trail.length) {
+      await diagram.draw(trail.at(-1)[0]);
+      return;
+    }
     diagram.plane = -1;
     if (mission.planes.length) await diagram.open(Math.max(0, mission.robots[mission.order[0]]?.plane ?? 0));
-    else if (mission.models.length) await diagram.draw(-1);
+    else if (mission.models.length) diagram.draw(-1);
     else diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
   }
 
@@ -267,7 +262,7 @@ export class App {
       return;
     }
     if (news.type === "run") this.run(news);
-    else if (news.type === "reload") this.renew(news);
+    else if (news.type === "reload") this.reload(news.version).then(() => this.prefetch());
     this.redraw();
   }
 

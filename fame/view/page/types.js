@@ -95,7 +95,7 @@
  * @property {number} end
  * @property {string[]} control commands that are allowed
  * @property {boolean} messages whether it has some
- * @property {number} [version] another one when any of this has changed; without it, that is not known
+ * @property {number | string} [version] another one when it has changed: the news `reload` names it
  * @property {Finding[]} [findings]
  * @property {[title: string, advice: string]} [empty]
  * @property {[robot: string, part: string][]} [faults] that can be injected
