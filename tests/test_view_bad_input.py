@@ -152,7 +152,7 @@ def test_a_page_is_told_of_any_error_after_which_nothing_more_is_read(
         read.set()
         replay.wait()
         known, news = replay.news(known)
-        assert news[-1] == {"type": "reload"}
+        assert news[-1] == {"type": "reload", "version": replay.mission()["version"]}
         why = "the rest of the recording cannot be shown: RuntimeError: no block can be made"
         assert (replay.mission()["notices"], replay.mission()["reading"]) == ([why], 1.0)
         assert replay.news(known) == (known, [])

@@ -124,6 +124,18 @@ def test_a_run_that_begins_paused_has_done_nothing_until_somebody_resumes_it(por
         thread.join(60)
 
 
+def test_the_version_of_a_mission_is_another_one_when_it_has_changed_and_in_another_run(porter: Scenario) -> None:
+    live, versions = LiveRun(porter, RunControl()), list[Any]()
+    known = None
+    for _ in range(2):
+        versions.append(live.mission()["version"])
+        known, news = live.news(known)
+        assert news[0] == {"type": "reload", "version": versions[-1]}
+        live.hand_over()
+    versions.append(LiveRun(porter, RunControl()).mission()["version"])
+    assert len({*versions}) == 3
+
+
 def test_a_paused_run_stands_still_until_it_is_stepped() -> None:
     scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=20)
     with running(scenario, RunControl(pause_at=2 * SECOND)) as (live, _):

@@ -178,6 +178,39 @@ def test_a_page_loads_its_model_once_and_again_when_it_is_another(chromium: Brow
     assert len(loads) == 2
 
 
+def test_a_page_loads_what_was_saved_before_it_was_connected(chromium: Browser, watch: ModelWatch) -> None:
+    mission, loads = watch.mission, list[int]()
+
+    def then_save() -> Any:
+        loads.append(watch._version)
+        found, watch._version = mission(), 1
+        return found
+
+    watch.mission = then_save  # type: ignore[method-assign]
+    with opened(chromium, watch) as page:
+        until(page, "fame.version === 1")
+    assert loads == [0, 1]
+
+
+def test_of_diagrams_on_their_way_the_last_one_is_shown_and_none_of_an_earlier_model(
+    chromium: Browser, watch: ModelWatch
+) -> None:
+    with opened(chromium, watch) as page:
+        found = page.evaluate(
+            """(async () => {
+              const { diagram, fetch } = fame, answers = [];
+              fame.fetch = (path) => new Promise((done) => answers.push(() => done(fetch.call(fame, path))));
+              const first = diagram.open(1), last = diagram.open(2);
+              answers[1](); await last; answers[0](); await first;
+              const shown = [diagram.plane, diagram.current === diagram.planes.get(2), diagram.crumbs.children.length];
+              const old = diagram.load(3), again = diagram.load(3), saved = fame.load(fame.mission);
+              answers[3](); await saved; answers[2]();
+              return [...shown, await old, await again, diagram.planes.has(3), answers.length];
+            })()"""
+        )
+    assert found == [2, True, 5, None, None, False, 4]
+
+
 def test_a_reading_while_the_page_is_made_is_news_to_it(watch: ModelWatch, monkeypatch: pytest.MonkeyPatch) -> None:
     real = fame.view.watch._chips
 

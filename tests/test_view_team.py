@@ -304,7 +304,7 @@ def test_a_robot_that_has_left_is_named_until_it_is_back(field: Field) -> None:
     field.engines.pop(0).close()
     field.run(2)
     assert field.view.mission()["notices"] == ["REX has left the network: what it did last is shown"]
-    assert {"type": "reload"} in field.view.news(known)[1]
+    assert {"type": "reload", "version": field.view.mission()["version"]} in field.view.news(known)[1]
     field.engine("REX")
     field.run(2)
     assert field.view.mission()["notices"] == []
@@ -323,7 +323,7 @@ def test_a_robot_of_an_older_fame_is_lost_and_a_line_says_what_to_update(
     assert notice.startswith("events of REX are not read: REX runs an older FAME (protocol 1)")
     assert "update REX" in notice
     assert list(field.view._lost()) == ["REX"]
-    assert {"type": "reload"} in field.view.news(known)[1]
+    assert {"type": "reload", "version": field.view.mission()["version"]} in field.view.news(known)[1]
 
 
 def test_a_robot_whose_engine_restarted_without_its_mission_is_lost_and_waits_for_nobody(field: Field) -> None:
