@@ -126,7 +126,7 @@ test-python: .venv-$(VERSION)/installed
 
 .venv-$(VERSION)/installed: pyproject.toml
 	$$(.ci/python $(VERSION)) -m venv .venv-$(VERSION)
-	.venv-$(VERSION)/bin/pip install --quiet --disable-pip-version-check --editable '.[sim,test]' joblib
+	.venv-$(VERSION)/bin/pip install --quiet --disable-pip-version-check --editable '.[sim,ml,test]'
 	@touch $@
 
 test-ros: $(ROS_PYTHON)
