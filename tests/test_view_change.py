@@ -264,6 +264,7 @@ def test_the_page_asks_before_code_runs(chromium: Browser, team: Team, tmp_path:
     file.write_text(NEW)
     with Server(team.view) as server:
         page = chromium.new_page(**PHONE)
+        page.set_default_timeout(60_000)
         page.goto(server.address)
         until(page, READY)
         page.locator("input[type=file]").set_input_files(file)
@@ -299,6 +300,7 @@ DROP = """(text) => {
 def test_a_model_is_dropped_on_the_page_and_deployed(chromium: Browser, team: Team) -> None:
     with Server(team.view) as server:
         page = chromium.new_page()
+        page.set_default_timeout(60_000)
         page.goto(server.address)
         until(page, READY)
         page.evaluate(DROP, NEW)

@@ -238,6 +238,24 @@ def test_the_page_marks_the_element_and_follows_the_file(chromium: Browser, watc
         until(page, "document.querySelector('.badge.error') === null")
 
 
+def test_what_is_chosen_and_open_stays_so_when_elements_have_other_numbers(
+    chromium: Browser, watch: ModelWatch, model: Path
+) -> None:
+    with opened(chromium, watch) as page:
+        page.evaluate(
+            """(async () => {
+              const { elements } = fame.mission, explore = elements.findIndex((one) => one.id === "Activity_Explore");
+              fame.select({ element: explore });
+              await fame.diagram.open(elements[explore].inside, explore);
+            })()"""
+        )
+        text, first = model.read_text("utf-8"), '<bpmn:startEvent id="Event_MissionStarts"'
+        model.write_text(text.replace(first, f'<bpmn:task id="New" />{first}'), "utf-8")
+        until(page, "fame.version === 1")
+        shown = "[fame.mission.elements[fame.selected.element].id, fame.diagram.crumbs.lastChild.textContent]"
+        assert page.evaluate(shown) == ["Activity_Explore", "Explore"]
+
+
 def test_a_save_is_shown_in_one_frame_once_its_diagram_is_there(
     chromium: Browser, watch: ModelWatch, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from view_page import beyond, eventually, frames, opened, shot, until, violations
+from view_page import becomes, beyond, eventually, frames, opened, shot, until, violations
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import FameError
@@ -590,7 +590,7 @@ def test_the_page_says_that_nothing_comes_any_more_though_its_connection_is_open
     try:
         with opened(chromium, field.view, tab="team") as page:
             page.wait_for_timeout(6000)  # nothing new, but beats
-            assert page.locator("#chips").inner_text() == "live"
+            becomes(page, "document.querySelector('#chips').innerText", "live")
             monkeypatch.setattr(
                 field.view, "news", lambda known: (goes_on.wait(60), TeamView.news(field.view, known))[1]
             )
@@ -645,13 +645,14 @@ def test_the_page_shows_a_team_in_many_processes(chromium: Browser) -> None:
     try:
         assert viewer.stdout is not None
         page = chromium.new_page()
+        page.set_default_timeout(60_000)
         page.goto(viewer.stdout.readline().strip())
-        until(page, "window.fame && fame.mission.robots.length === 2", 60)
-        until(page, "fame.mission.planes.some((one) => one.title.includes('REX') || one.file.includes('ground'))", 30)
-        until(page, "fame.state && [...fame.state.tokens.values()].some((one) => one.r === 0 || one.r === 1)", 30)
-        until(page, "fame.state.poses.size === 2", 30)
+        until(page, "window.fame && fame.mission.robots.length === 2")
+        until(page, "fame.mission.planes.some((one) => one.title.includes('REX') || one.file.includes('ground'))")
+        until(page, "fame.state && [...fame.state.tokens.values()].some((one) => one.r === 0 || one.r === 1)")
+        until(page, "fame.state.poses.size === 2")
         page.close()
     finally:
         for each in (team, viewer):
             each.terminate()
-            each.communicate(timeout=30)
+            each.communicate(timeout=60)

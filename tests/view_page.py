@@ -51,6 +51,7 @@ def _at(
 ) -> Iterator[Page]:
     options.setdefault("viewport", {"width": 1280, "height": 720})
     context = browser.new_context(reduced_motion="reduce", **options)
+    context.set_default_timeout(60_000)
     context.add_init_script(f"sessionStorage.getItem('fame-tab') ?? sessionStorage.setItem('fame-tab', '{tab}')")
     page, wrong = context.new_page(), []
     page.on("pageerror", lambda error: wrong.append(str(error)))

@@ -163,8 +163,9 @@ export class Diagram {
     const foot = h("div", { cls: "foot" }, this.legend, this.overview.canvas);
     root.append(h("div", { cls: "bar" }, this.crumbs, this.tools), this.paper, this.empty, foot);
     this.view = new Viewport(this.paper, (x, y, scale) => this.placed(x, y, scale), { below: 18, beside: 14 });
-    this.paper.addEventListener("click", (event) => this.view.moved || this.clicked(event));
-    this.paper.addEventListener("dblclick", (event) => this.opened(event));
+    // elements of another mission have other numbers
+    this.paper.addEventListener("click", (event) => this.current && !this.view.moved && this.clicked(event));
+    this.paper.addEventListener("dblclick", (event) => this.current && this.opened(event));
     new ResizeObserver(() => this.view.resized()).observe(this.paper);
     this.cutLabels(this.cuts);
     this.explain();

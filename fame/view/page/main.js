@@ -52,6 +52,13 @@ const LEGEND = [
   "Double-click a call activity to see what runs in it.",
 ];
 
+/** @param {Finding[]} findings @returns {Map<number, Finding[]>} */
+function byElement(findings) {
+  const found = new Map();
+  for (const finding of findings) found.set(finding.element, [...(found.get(finding.element) ?? []), finding]);
+  return found;
+}
+
 /** The page: what it shows, and what is chosen. */
 export class App {
   /** @type {Mission} */
@@ -151,18 +158,16 @@ export class App {
 
   /** Take the mission, or a new one that differs. Nothing of it is drawn before its diagram is there. */
   async load(mission) {
-    const models = JSON.stringify([mission.models, mission.planes]);
+    const models = JSON.stringify([mission.models, mission.planes.map(({ file, title }) => [file, title])]);
+    const before = this.mission.elements;
     this.mission = mission;
+    if (mission.kind === "model") this.renumber(before);
     colourRobots(mission.order);
     this.store.index(mission.blocks, mission.end);
     this.store.complete = mission.reading >= 1;
     if (this.player.time < this.store.start) this.player.seek(this.store.start, { keep: true });
     else this.store.ask(this.player.time);
-    this.findings = new Map();
-    for (const finding of mission.findings ?? []) {
-      const known = this.findings.get(finding.element) ?? [];
-      this.findings.set(finding.element, [...known, finding]);
-    }
+    this.findings = byElement(mission.findings ?? []);
     const same = models === this.models;
     this.models = models;
     this.drawing = false;
@@ -179,6 +184,14 @@ export class App {
     this.changedPlayer();
     this.inspector.hurry();
     this.redraw();
+  }
+
+  /** What is chosen and open stays so in a model that was saved, where its elements have other numbers. */
+  renumber(before) {
+    const { elements } = this.mission;
+    const now = (old) => elements.findIndex(({ id, file }) => id === before[old]?.id && file === before[old]?.file);
+    this.selected.element = now(this.selected.element);
+    this.diagram.trail = this.diagram.trail.map(([plane, opener]) => [plane, now(opener)]);
   }
 
   /** Draw the models anew: the same place at the same zoom, if it is still there. */
@@ -453,8 +466,6 @@ export class App {
       return;
     }
     this.frames = (this.frames ?? 0) + 1;
-    if (this.mission.kind === "model")
-      this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
     this.team.update(this.state, time);
     this.steer.update(this.state);
     if (this.state !== null) {

@@ -86,7 +86,7 @@
  * @property {Robot[]} robots
  * @property {number[]} order of the robots, by number
  * @property {Element[]} elements
- * @property {{title: string}[]} planes
+ * @property {{file: string, title: string}[]} planes
  * @property {string[]} models
  * @property {Object<string, Field[]>} types by topic
  * @property {Object<string, string>} sentences why a token waits (`wait_sentences.py`), with names in braces
