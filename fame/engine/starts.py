@@ -2,7 +2,7 @@
 
 A trigger starts an instance unless the maximum number is running. A *parallel multiple* start event starts one when all
 of its triggers have occurred; until then they are gathered in sets of correlated triggers, with the first message of
-each trigger. A *parallel* event-based gateway starts an instance with the first of its events; that instance then waits
+each trigger; those that follow begin further sets if the event has a queue. A *parallel* event-based gateway starts an instance with the first of its events; that instance then waits
 for the others, and an event that it waits for starts no other instance.
 """
 
@@ -51,19 +51,25 @@ def trigger(engine: EngineState, node: Node, message: Any) -> None:
     if engine.starts_no_more:
         return
     arrived: Arrived | None = [(node, message)]
+    full = _is_full(engine)
     spec: Start = node.spec
+    if full and any(_catch(one).queue for one in (_catch(spec.whole).parts if spec.whole is not None else (node,))):
+        _keep(engine, node, message)  # one of several, too: they are gathered when an instance has ended
+        return
     if spec.whole is not None:
         arrived, node = _gather(engine, spec.whole, node, message), spec.whole
     if arrived is None:
         return
-    limit = engine.program.instances
-    if limit is None or len(engine.instances) < limit:
-        _begin(engine, node, arrived)
-    elif _catch(node).queue:
-        _keep(engine, node, message)
+    if full:
+        running = f"{engine.program.instances} instance(s) of {engine.program.process} are already running"
+        engine.host.report(node.id, f"trigger dropped: {running}")
     else:
-        text = f"trigger dropped: {limit} instance(s) of {engine.program.process} are already running"
-        engine.host.report(node.id, text)
+        _begin(engine, node, arrived)
+
+
+def _is_full(engine: EngineState) -> bool:
+    """Return whether as many instances run as may."""
+    return engine.program.instances is not None and len(engine.instances) >= engine.program.instances
 
 
 def _keep(engine: EngineState, node: Node, message: Any) -> None:
@@ -92,15 +98,14 @@ def begin_kept(engine: EngineState) -> None:
 
 
 def begin_waiting(engine: EngineState) -> None:
-    """Start the next instance with the trigger that has waited longest, after one has ended."""
-    if engine.held is not None:
-        return
+    """Start the next instance with the triggers that have waited longest, after one has ended."""
     waiting_starts = engine.waiting_starts
-    node = min(waiting_starts, key=lambda start: waiting_starts[start][0][0])
-    _, message = waiting_starts[node].popleft()
-    if not waiting_starts[node]:
-        del waiting_starts[node]
-    trigger(engine, node, message)
+    while waiting_starts and engine.held is None and not _is_full(engine):
+        node = min(waiting_starts, key=lambda start: waiting_starts[start][0][0])
+        _, message = waiting_starts[node].popleft()
+        if not waiting_starts[node]:
+            del waiting_starts[node]
+        trigger(engine, node, message)
 
 
 def _begin(engine: EngineState, node: Node, arrived: Arrived) -> None:
@@ -121,13 +126,20 @@ def _begin(engine: EngineState, node: Node, arrived: Arrived) -> None:
 
 def _gather(engine: EngineState, whole: Node, part: Node, message: Any) -> Arrived | None:
     """Keep one trigger of a parallel multiple event. Returns all of them if it was the last, else None."""
-    sets = engine.gathered.setdefault(whole, [])
-    fitting: Gathered | None = next((each for each in sets if correlates(_catch(part).keys, each[0], message)), None)
+    sets, queue = engine.gathered.setdefault(whole, []), _catch(part).queue
+    alike = [each for each in sets if correlates(_catch(part).keys, each[0], message)]
+    having = [found for _, found in alike if part in found]
+    if having and len(having) >= queue:
+        if queue:  # the last ones are kept
+            for found, following in zip(having, [*having[1:], {part: message}], strict=True):
+                found[part] = following[part]
+        return None
+    fitting: Gathered | None = next((each for each in alike if part not in each[1]), None)
     if fitting is None:
         fitting = ({}, {})
         correlates(_catch(part).keys, fitting[0], message)
         sets.append(fitting)
-    fitting[1].setdefault(part, message)
+    fitting[1][part] = message
     if len(fitting[1]) < len(_catch(whole).parts):
         return None
     sets[:] = [each for each in sets if each is not fitting]

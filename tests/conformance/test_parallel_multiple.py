@@ -129,3 +129,39 @@ def test_the_bound_of_instances_holds_for_it(play: Play) -> None:
         run.signal(name)
     assert len(run.simulation.instances) == 1
     assert "trigger dropped" in run.reports[0]
+
+
+QUEUED = TOGETHER.replace("</startEvent>", properties(type="std_msgs/msg/Int32", queue=2) + "</startEvent>")
+
+
+def test_with_a_queue_those_that_come_again_begin_the_next_instance(play: Play) -> None:
+    run = play(QUEUED + user("u") + path("s u")).run()
+    for number in (1, 2, 3):
+        run.signal("A", number)
+    assert [instance.variables for instance in run.signal("B", 4).signal("B", 5).simulation.instances] == [
+        {"A": 2, "B": 4},
+        {"A": 3, "B": 5},
+    ]
+    assert not run.node.engine.gathered
+
+
+def test_a_queue_keeps_all_parts_while_no_further_instance_may_run(play: Play) -> None:
+    run = play(model(process(QUEUED + user("u") + path("s u"), instances=1))).run().signal("A", 1).signal("B", 2)
+    for name, number in (("A", 3), ("A", 4), ("B", 5), ("B", 6)):
+        run.signal(name, number)
+    run.complete("u").complete("u").complete("u")
+    assert [instance.variables for instance in run.simulation.instances] == [
+        {"A": 1, "B": 2},
+        {"A": 3, "B": 5},
+        {"A": 4, "B": 6},
+    ]
+    assert not run.reports
+    assert not run.node.engine.gathered
+
+
+def test_a_queue_keeps_what_a_timer_would_complete(play: Play) -> None:
+    begin = start("q", signal("Q")) + QUEUED.replace(signal("B"), timer("PT5S"))
+    content = begin + user("u") + path("s u") + path("q u")
+    run = play(model(process(content, instances=1))).run(1).signal("A", 1).signal("Q").run(6)
+    assert not run.reports
+    assert run.complete("u").simulation.instances[1].variables == {"A": 1}
