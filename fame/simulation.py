@@ -204,6 +204,7 @@ class Simulation:
             "strict": self._strict,
             "now": self.scheduler.now,
             "seed": self._seed,
+            "holds": sorted(self.node.holds),
             "observed": self.node.engine.program.observed,
             **description(self.node.engine.program),
         }
@@ -245,6 +246,7 @@ class Simulation:
             seed=Random(f"{header.get('seed', 0)} at {header['now']}").randrange(SEEDS),
         )
         simulation.scheduler.now, simulation._begun = header["now"], True
+        simulation.node.holds.update(header.get("holds", ()))
         with simulation._random:
             load(simulation.node, found)
         return simulation

@@ -48,6 +48,18 @@ def test_it_goes_on_at_the_time_and_with_the_state_of_then(model: Path, tmp_path
     assert again.instances[0].visits == {"s": 1, "a": 1, "c": 1, "b": 1, "u": 1, "e": 1}
 
 
+def test_a_robot_on_hold_stays_so_until_it_is_released(model: Path, tmp_path: Path) -> None:
+    sim = fame.Simulation(model).run(20)
+    sim.node.hold()
+    sim.node.hold("inspection")
+    sim.save(tmp_path / "run.state")
+    again = fame.Simulation.load(tmp_path / "run.state").run(70)
+    again.node.release()
+    assert again.run(80).instances[0].waiting == ["c"]
+    again.node.release("inspection")
+    assert again.run(90).instances[0].waiting == ["u"]
+
+
 def test_instances_that_are_over_are_there_as_well(model: Path, tmp_path: Path) -> None:
     sim = fame.Simulation(model).run().complete("u")
     sim.start()

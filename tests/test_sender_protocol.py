@@ -102,9 +102,9 @@ def test_a_large_team_is_asked_less_often():
 
 
 def test_a_deployment_waits_longer_for_a_large_team_and_on_a_busy_machine():
-    assert [DeploymentOptions(load=load).patience_of(20) for load in (1.0, 3.0)] == [20, 60]
-    assert DeploymentOptions(load=3.0).patience_of(2) == 30
-    assert DeploymentOptions(load=3.0, patience=7.0).patience_of(20) == 7.0
+    assert [DeploymentOptions(load=lambda load=load: load).patience_of(20) for load in (1.0, 3.0)] == [20, 60]
+    assert DeploymentOptions(load=lambda: 3.0).patience_of(2) == 30
+    assert DeploymentOptions(load=lambda: 3.0, patience=7.0).patience_of(20) == 7.0
 
 
 def test_robots_wait_longer_for_the_sender_of_a_large_team_and_for_one_whose_timers_are_late():

@@ -7,7 +7,8 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,7 @@ from fame.bpmn import read_text
 from fame.bpmn.difference import difference
 from fame.clock import WallScheduler
 from fame.deploy import EngineNode
-from fame.deploy.options import EngineOptions
+from fame.deploy.options import DeploymentOptions, EngineOptions
 from fame.deploy.signing import new_keys, read_private, read_trusted
 from fame.edit import modeler
 from fame.edit.session import ModelEdit
@@ -75,6 +76,19 @@ def test_robots_that_run_different_versions_show_the_code_that_is_new_to_each() 
     change._compare(about)
     change.close()
     assert [(one.old_texts, robots) for one, robots in about.changes] == [(("n = 1",), ["A"]), (("n = 2",), ["B", "C"])]
+
+
+def test_robots_on_a_busy_machine_have_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.middleware.wire_base.load_of_machine", lambda: 3.0)
+    waits = []
+
+    def send(model: object, options: DeploymentOptions, end: Callable[[Any], object]) -> None:
+        waits.append(options.patience_of(2))
+        end(None)
+
+    with closing(ModelChange(send, str)) as change:
+        change._sent(_Examination(model=read_text(OLD, file="old")), migrate=False)
+    assert waits == [15.0]
 
 
 def test_a_robot_that_runs_something_and_has_no_pool_is_named() -> None:

@@ -141,7 +141,7 @@ def run_deploy(arguments: Namespace) -> int:
                     raise DeploymentError(f"--rollback-unless-ended is not possible: {report.differs}")
 
         options = replace(
-            migrated.options, library=library, patience=arguments.wait, load=load_of_machine(), key=key, who=person()
+            migrated.options, library=library, patience=arguments.wait, load=load_of_machine, key=key, who=person()
         )
         sending = Sending(definitions, scheduler, middleware, options)
         deployment = sending.deploy(arguments.to, options.patience_of(len(names or pools)), note, examine)
@@ -210,7 +210,7 @@ def _deploy_previous(arguments: Namespace) -> int:
     key = private_key(arguments)
     wanted = set(arguments.to)
     with connected(arguments) as (scheduler, middleware):
-        options = DeploymentOptions(patience=arguments.wait, load=load_of_machine(), key=key, who=person())
+        options = DeploymentOptions(patience=arguments.wait, load=load_of_machine, key=key, who=person())
         patience = options.patience_of(len(wanted))
         wait_until(scheduler, lambda: wanted and wanted <= set(engines(middleware)), patience if wanted else _FINDING)
         robots = arguments.to or engines(middleware)
@@ -318,6 +318,7 @@ def run_splitter(arguments: Namespace) -> int:
     from fame.bpmn.library import Library
     from fame.deploy import SplitterNode
     from fame.deploy.options import DeploymentOptions
+    from fame.middleware.wire_base import load_of_machine
     from fame.scenario import serve
 
     key = private_key(arguments)
@@ -329,7 +330,9 @@ def run_splitter(arguments: Namespace) -> int:
         return SplitterNode(
             scheduler=scheduler,
             middleware=middleware,
-            options=DeploymentOptions(library=Library(arguments.library), patience=arguments.wait, key=key),
+            options=DeploymentOptions(
+                library=Library(arguments.library), patience=arguments.wait, load=load_of_machine, key=key
+            ),
             trusted=() if arguments.insecure else trusted,
             log=lambda text: note(f"{scheduler.now / 1e9:9.1f} s   {text}"),
         )

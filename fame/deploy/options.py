@@ -74,7 +74,7 @@ class DeploymentOptions:
     joins      those that are to take it only while they have no process: what they got meanwhile is newer
     library    where called processes are found
     patience   how long its robots may take to answer (s); by default it grows with their number, and with `load`
-    load       how many times as long (`fame.middleware.wire_base.load_of_machine`)
+    load       gives how many times as long (`fame.middleware.wire_base.load_of_machine`)
     key        signs what is sent
     wall_time  gives s since 1970
     migrate    what runs goes over to the model by a `plan` (`fame.deploy.migration`), for somebody (`who`)
@@ -89,7 +89,7 @@ class DeploymentOptions:
     joins: Collection[str] = ()
     library: Library | None = None
     patience: float | None = None
-    load: float = 1.0
+    load: Callable[[], float] = lambda: 1.0
     key: Any = None
     wall_time: Callable[[], float] = time.time
     migrate: bool = False
@@ -102,4 +102,4 @@ class DeploymentOptions:
         """Return how long a deployment to some robots waits for their answers (s)."""
         if self.patience is not None:
             return self.patience
-        return max(PATIENCE, PATIENCE_PER_ROBOT * robots) * self.load
+        return max(PATIENCE, PATIENCE_PER_ROBOT * robots) * self.load()

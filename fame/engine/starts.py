@@ -2,8 +2,9 @@
 
 A trigger starts an instance unless the maximum number is running. A *parallel multiple* start event starts one when all
 of its triggers have occurred; until then they are gathered in sets of correlated triggers, with the first message of
-each trigger; those that follow begin further sets if the event has a queue. A *parallel* event-based gateway starts an instance with the first of its events; that instance then waits
-for the others, and an event that it waits for starts no other instance.
+each trigger; those that follow begin further sets if the event has a queue. A *parallel* event-based gateway starts an
+instance with the first of its events; that instance then waits for the others, and an event that it waits for starts
+no other instance.
 """
 
 from __future__ import annotations

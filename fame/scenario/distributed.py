@@ -342,7 +342,7 @@ class DistributedTeam:
             middleware=self.middleware,
             ended=self._deployed,
             options=DeploymentOptions(
-                robots=[*self.scenario.cast], library=self.scenario.library, load=load_of_machine(), key=self._key
+                robots=[*self.scenario.cast], library=self.scenario.library, load=load_of_machine, key=self._key
             ),
         )
         self._deployment.begin()

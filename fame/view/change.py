@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from fame.deploy.options import DeploymentOptions
 
 PATIENCE = 5.0
-"""How long robots may take to answer (s)."""
+"""How long robots may take to answer (s), on a machine that is not busy."""
 _STRONGEST = ("removed", "added", "changed", "moved")
 
 BeginDeployment = Callable[[Definitions, "DeploymentOptions", Callable[["Deployment"], object]], object]
@@ -119,18 +119,20 @@ class ModelChange(ModelWatch):
     def _sent(self, about: _Examination, *, migrate: bool, preview: bool = False, force: bool = False) -> Deployment:
         """The deployment of a model, once it has ended. Raises FameError."""
         from fame.deploy.options import DeploymentOptions
+        from fame.middleware.wire_base import load_of_machine
 
         assert about.model is not None
         ended: Future[Deployment] = Future()
         plan = {"forced": True} if force else {}
+        patience = PATIENCE * load_of_machine()
         wanted = DeploymentOptions(
-            library=about.library, patience=PATIENCE, migrate=migrate, plan=plan, preview=preview
+            library=about.library, patience=patience, migrate=migrate, plan=plan, preview=preview
         )
         if migrate and not preview and not force:
             wanted = replace(wanted, approve=self._approval(about))
         self._send(about.model, wanted, ended.set_result)
         try:
-            return ended.result(3 * PATIENCE)
+            return ended.result(3 * patience)
         except NoAnswer:
             raise FameError("the robots have not answered") from None
 

@@ -174,6 +174,10 @@ class LiveRun(PageSink):
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         if self._ended:
             raise FameError(self._failure or "the run is over")
+        if command.get("do") in ("breakpoint", "run_to"):
+            known, element = len(self.catalogue.elements), command.get("element")
+            if not (isinstance(element, int) and 0 <= element < known):
+                raise FameError(f"expected the number of an element from 0 to {known - 1}, got {element!r}")
         said = self.control_of_run.ask(command)
         if command["do"] != "take_over" or self._run is None:
             return {"said": said}
