@@ -467,6 +467,14 @@ def test_the_page_of_a_branch_shows_its_progress_its_error_and_no_controls(porte
         assert beyond(page) == []
 
 
+def test_an_element_that_comes_while_a_mission_is_on_its_way_stays(porter: Scenario, chromium: Browser) -> None:
+    with opened(chromium, LiveRun(porter, RunControl())) as page:
+        last = "fame.mission.elements.at(-1).id"
+        before = page.evaluate(last)
+        page.evaluate("fame.load({ ...fame.mission, elements: fame.mission.elements.slice(0, -1) })")
+        assert page.evaluate(last) == before
+
+
 def test_the_page_shows_the_speed_of_the_command_line(porter: Scenario, chromium: Browser) -> None:
     speed = "document.querySelector('select[title=\"Speed of the run\"]').selectedOptions[0].text"
     with running(porter, RunControl(speed=4.0)) as (live, _), opened(chromium, live) as page:

@@ -162,7 +162,7 @@ class Replay(Closing):
 
     def _read(self) -> None:
         recording, packer = self._recording, self._packer
-        length, pending = max(recording.end - recording.start, 1), self._runs.copy()
+        length, pending, failure = max(recording.end - recording.start, 1), self._runs.copy(), ""
         try:
             for number, message in enumerate(recording.messages()):
                 while self._pause_until > monotonic() and not self._closed.is_set():
@@ -187,9 +187,8 @@ class Replay(Closing):
             text = str(error) if isinstance(error, FameError) else f"{type(error).__name__}: {error}"
             failure = f"the rest of the recording cannot be shown: {text}"
             self.notices.append(failure)
-            self._failure = failure  # after what the page gets: until then it is news
         with self._lock:
-            self._done, self._reading = len(packer.blocks), 1.0
+            self._done, self._reading, self._failure = len(packer.blocks), 1.0, failure
 
     def _put(self, packer: Packer, message: RecordedMessage) -> None:
         """A message of FAME's own channels."""

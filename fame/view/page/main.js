@@ -161,7 +161,7 @@ export class App {
     const models = JSON.stringify([mission.models, mission.planes.map(({ file, title }) => [file, title])]);
     const before = this.mission.elements;
     this.mission = mission;
-    if (mission.kind === "model") this.renumber(before);
+    this.renumber(before);
     colourRobots(mission.order);
     this.store.index(mission.blocks, mission.end);
     this.store.complete = mission.reading >= 1;
@@ -188,7 +188,8 @@ export class App {
 
   /** What is chosen and open stays so in a model that was saved, where its elements have other numbers. */
   renumber(before) {
-    const { elements } = this.mission;
+    const { kind, elements } = this.mission;
+    if (kind !== "model") return void elements.push(...before.slice(elements.length)); // they came in the meantime
     const now = (old) => elements.findIndex(({ id, file }) => id === before[old]?.id && file === before[old]?.file);
     this.selected.element = now(this.selected.element);
     this.diagram.trail = this.diagram.trail.map(([plane, opener]) => [plane, now(opener)]);
