@@ -251,7 +251,7 @@ def test_what_is_chosen_and_open_stays_so_when_elements_have_other_numbers(
         )
         text, first = model.read_text("utf-8"), '<bpmn:startEvent id="Event_MissionStarts"'
         model.write_text(text.replace(first, f'<bpmn:task id="New" />{first}'), "utf-8")
-        until(page, "fame.version === 1")
+        until(page, "fame.drawing && fame.mission.elements.some((one) => one.id === 'New')")
         shown = "[fame.mission.elements[fame.selected.element].id, fame.diagram.crumbs.lastChild.textContent]"
         assert page.evaluate(shown) == ["Activity_Explore", "Explore"]
 

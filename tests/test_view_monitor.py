@@ -17,7 +17,7 @@ import yaml
 from monitor_runs import told
 from recorded_runs import record
 from test_view_server import ask
-from view_page import frames, opened, until
+from view_page import frames, opened, says, until
 
 from fame.cli import main
 from fame.cli.monitor.labelling import label_on_page
@@ -246,7 +246,7 @@ def test_the_button_says_what_was_false_and_labels_it(
         dialog = page.get_by_role("dialog", name="Was the alarm false?")
         assert JOINT in dialog.inner_text()
         dialog.get_by_role("button", name="The run was benign").click()
-        page.get_by_text("The run is benign: fame monitor retrain").wait_for()
+        says(page, "#toast", "The run is benign: fame monitor retrain")
     assert labels() == [("benign", person(), "0")]
 
 

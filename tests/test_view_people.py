@@ -169,7 +169,7 @@ def test_each_part_is_used_with_the_fingers_on_a_phone_and_an_incident_is_mended
         page.get_by_role("button", name="Fault").tap()
         page.get_by_label("Robot and part").select_option(label="Porter_4: engine")
         page.get_by_role("button", name="Inject").tap()
-        page.get_by_text("engine of Porter_4 is broken.").wait_for()
+        says(page, "#toast", "engine of Porter_4 is broken.")
         page.get_by_role("tab", name="Team").tap()
         until(page, f"{row('Porter_4')}.state === 'lost'")
 
