@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from free_ports import free_port
 
 from fame.cli import main
 from fame.clock import SECOND, Scheduler
@@ -479,10 +480,7 @@ def test_an_address_without_a_database_is_refused(tmp_path: Path, url: str) -> N
 @pytest.mark.influx
 @pytest.mark.skipif(shutil.which("influxd") is None, reason="needs InfluxDB 1.x: apt-get install influxdb")
 def test_a_real_server_stores_every_row_though_it_goes_away_in_between(tmp_path: Path) -> None:
-    with socket.socket() as free, socket.socket() as other:
-        free.bind(("127.0.0.1", 0))
-        other.bind(("127.0.0.1", 0))
-        port, backup = free.getsockname()[1], other.getsockname()[1]
+    port, backup = free_port(), free_port()
     settings = {
         "INFLUXDB_HTTP_BIND_ADDRESS": f"127.0.0.1:{port}", "INFLUXDB_BIND_ADDRESS": f"127.0.0.1:{backup}",
         "INFLUXDB_META_DIR": str(tmp_path / "meta"), "INFLUXDB_DATA_DIR": str(tmp_path / "data"),
@@ -492,9 +490,9 @@ def test_a_real_server_stores_every_row_though_it_goes_away_in_between(tmp_path:
     def start() -> subprocess.Popen[bytes]:
         quiet = subprocess.DEVNULL
         child = subprocess.Popen(["influxd"], env={**os.environ, **settings}, stdout=quiet, stderr=quiet)
-        for _ in range(500):
+        for _ in range(3000):
             try:
-                urllib.request.urlopen(f"http://127.0.0.1:{port}/ping", timeout=1).close()
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/ping", timeout=60).close()
                 return child
             except OSError:
                 threading.Event().wait(0.02)
@@ -502,7 +500,7 @@ def test_a_real_server_stores_every_row_though_it_goes_away_in_between(tmp_path:
 
     def stop(child: subprocess.Popen[bytes]) -> None:
         child.send_signal(signal.SIGTERM)
-        child.wait(20)
+        child.wait(60)
 
     said: list[str] = []
     child = start()
@@ -517,7 +515,7 @@ def test_a_real_server_stores_every_row_though_it_goes_away_in_between(tmp_path:
                 child = start()
         sink.close()
         query = urllib.parse.urlencode({"db": "robots", "q": 'SELECT count("Effort0"), sum("Effort0") FROM "arm 1"'})
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/query?{query}", timeout=5) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/query?{query}", timeout=60) as answer:
             (series,) = yaml.safe_load(answer.read())["results"][0]["series"]
     finally:
         stop(child)
