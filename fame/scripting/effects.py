@@ -199,6 +199,11 @@ class Effects:
         return _FAILS.search(self.expression.text) is not None
 
     @property
+    def may_mismatch(self) -> bool:
+        """Whether it may fail because a value is not of the kind that it expects."""
+        return True
+
+    @property
     def waits(self) -> bool:
         """Whether it may wait: the engine goes on meanwhile."""
         return False

@@ -16,6 +16,7 @@ from fame.bpmn.pools import shared_topics
 from fame.check.explore.abstraction import Abstraction, abstraction
 from fame.check.explore.canonical import stimuli
 from fame.check.explore.kinds import kinds_of
+from fame.check.explore.mismatches import given_values
 from fame.check.explore.team import codes_named
 from fame.clock import SECOND
 from fame.errors import FameError
@@ -44,7 +45,7 @@ class _RunByHand(Run):
         shared = shared_topics(plan.definitions, pools, plan.library)
         values = (value for one in plan.properties for value in subjects(one) if value.kind == "variable")
         read = frozenset(str(value.path[0]) for value in values)
-        parameters = frozenset(name for values in plan.variables.values() for name in values)
+        parameters = given_values(plan.variables.values())
         self.abstract = abstraction(
             plan.definitions, pools, plan.library, dict(shared), read=read, parameters=parameters,
             named=codes_named(plan.properties),

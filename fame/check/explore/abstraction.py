@@ -17,6 +17,8 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 from fame.bpmn import model
 from fame.bpmn.library import Library
@@ -31,6 +33,7 @@ from fame.check.explore.decisive import decisive, needed_by_statements
 from fame.check.explore.element_variables import assigned_by, changed_by, written_by, written_objects
 from fame.check.explore.error_codes import computed_codes
 from fame.check.explore.failures import Failures, Guarded, in_order
+from fame.check.explore.mismatches import Kinds, kinds_in
 from fame.check.explore.slicing import may_fail, skipped, sliced, without_operations
 from fame.check.explore.team_facts import TeamFacts, facts_of
 from fame.check.explore.values import MARK
@@ -91,12 +94,16 @@ class Abstraction:
     given    task -> the variables that a person sets who completes it: of its form, and of the data that it writes
     formless tasks without a form that is known: a person may set any other variable, too
 
+    originals script task -> its scripts as they are in the model, of each task with this id
+    uses     (element, text) of conditions, mappings and payloads that fail if a value does not fit -> their use
+
     Elements are known by their ids alone, so that what two processes with one id add is joined.
     """
 
     library: Library
     facts: TeamFacts
     failures: Failures
+    kinds: Kinds
     needed: frozenset[str] | None = None
     kept: Mapping[str, frozenset[str]] = field(default_factory=dict)
     matters: frozenset[str] = frozenset()
@@ -111,6 +118,8 @@ class Abstraction:
     payloads: dict[tuple[str, str], str] = field(default_factory=dict)
     given: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
     formless: set[str] = field(default_factory=set)
+    originals: dict[str, dict[model.Expression, None]] = field(default_factory=lambda: defaultdict(dict))
+    uses: dict[tuple[str, str], str] = field(default_factory=dict)
     _homes: dict[str, model.Definitions] = field(default_factory=dict)
     _rewritten: dict[tuple[str, int], tuple[model.Process, model.Process]] = field(default_factory=dict)
 
@@ -153,7 +162,7 @@ def abstraction(
     *,
     given: bool = False,
     read: frozenset[str] = frozenset(),
-    parameters: frozenset[str] = frozenset(),
+    parameters: Mapping[str, Collection[Any]] = MappingProxyType({}),
     named: frozenset[str] = frozenset(),
 ) -> Abstraction:
     """Return the abstraction of a team. Raises ModelError for calls of unknown processes.
@@ -161,15 +170,17 @@ def abstraction(
     types       the topics of the team
     given       some robots go on from snapshots, so that variables may have values which nothing in the model gives
     read        variables that properties read: they count as what decides something
-    parameters  variables with which a process starts
+    parameters  variables with which a process starts, and their values
     named       error codes that properties name
     """
-    processes = (process for _, process in all_processes(definitions, pools, library))
-    facts = facts_of(processes, types, given=given, read=read, parameters=parameters, named=named)
-    first = Abstraction(library, facts, Failures(library, facts))
+    homes = [*all_processes(definitions, pools, library)]
+    processes = [process for _, process in homes]
+    kinds = _kinds(homes, types, parameters, given=given)
+    facts = facts_of(processes, types, given=given, read=read, parameters=parameters.keys(), named=named)  # fmt: skip
+    first = Abstraction(library, facts, Failures(library, facts), kinds)
     bodies = [body for pool in pools for body in first.bodies(definitions, pool.process)]
     needed = needed_by_statements(facts, first.caught, bodies)
-    rewritten = Abstraction(library, facts, Failures(library, facts), needed)
+    rewritten = Abstraction(library, facts, Failures(library, facts), kinds, needed)
     by_pool = {pool.name: rewritten.bodies(definitions, pool.process) for pool in pools}
     rewritten.kept, rewritten.matters = decisive(facts, rewritten.caught, by_pool)
     return rewritten
@@ -191,6 +202,7 @@ class _Rewriter:
         return replace(body, nodes=tuple(self._node(node, within) for node in body.nodes))
 
     def _node(self, node: model.FlowNode, guarded: Guarded) -> model.FlowNode:
+        self._note_texts(node, guarded)
         if isinstance(loop := node.loop, model.MultiInstance):
             texts = ((loop.collection, False), (loop.cardinality, True))
             self.to.counts |= {(node.id, text.text): number for text, number in texts if text is not None}
@@ -214,6 +226,21 @@ class _Rewriter:
                 self.to.given[node.id] |= _asked_by(self.home, node).union(written_objects(node, guarded.body))
                 self.to.formless.update(() if is_whole(form_of(self.home, node.human)) else (node.id,))
         return node
+
+    def _note_texts(self, node: model.FlowNode, guarded: Guarded) -> None:
+        """Note the texts of an element that fail if a value does not fit, and whether an error event catches that."""
+        if node.defined(model.ConditionalDefinition):  # it does not hold then
+            return
+        flows = [flow for flow in guarded.body.flows if flow.source == node.id]
+        texts = [*node.texts(), *((flow.condition, "condition") for flow in flows if flow.condition is not None)]
+        given = [value for item in guarded.body.data_objects if item.id in node.data_inputs
+                 for name, value in item.values if value.text != f"${{{name}}}"]  # fmt: skip
+        texts = [*(one for one in texts if one[1] != "script"), *((value, "value") for value in given)]
+        self.to.uses.update(((node.id, text.text), use) for text, use in texts)
+        if (texts and isinstance(node, model.Activity) and self.to.failures.exceptions_are_caught(node, guarded)) or (
+            texts and not isinstance(node, model.Activity) and self._is_noticed(node, guarded, "script")
+        ):
+            self.to.guarded.add(node.id)
 
     def _is_noticed(self, node: model.FlowNode, guarded: Guarded, code: str) -> bool:
         """Whether an error event may catch it if an event or gateway fails with a code."""
@@ -241,6 +268,8 @@ class _Rewriter:
     def _script(self, task: model.Task, script: model.Expression, guarded: Guarded) -> model.Task:
         """A script without what decides nothing. What it raises may decide something if an error event may notice."""
         facts, needed = self.to.facts, self.to.needed
+        self.to.originals[task.id][script] = None
+        original = script
         if may_fail(script):
             self.to.risky.add(task.id)
         if task in guarded or effects_of(script, script=True).fails:
@@ -253,7 +282,8 @@ class _Rewriter:
         script = script if caught else without_operations(script, facts.unknown)
         if needed is not None:
             whole = caught or not facts.aliases.holders.isdisjoint(effects_of(script, script=True).reads)
-            if not whole and (statement := skipped(script, needed)):
+            raises = may_fail(original) or self.to.kinds.mismatch(original, script=True)
+            if not whole and raises and (statement := skipped(script, needed)):
                 self.to.skipped[task.id] = statement
             script = facts.aliases.marked(script if whole else sliced(script, needed), needed)
         return replace(task, script=script)
@@ -279,10 +309,19 @@ class _Rewriter:
             return call
         inside = [*self.to.library.closure(*called)]
         processes = [process for _, process in inside]
-        name, codes = step_name(self.home.file, call.id), self.to.failures.of_call(call, called, processes, guarded)
+        name, codes = step_name(self.home.file, call.id), self._codes_of_call(call, called, processes, guarded)
         self.to.steps[name] = replace(self._call_variables(call, inside), codes=codes)
         kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
         return model.Task(kind="service", operation=name, **kept | {"io": None, "copies_out": (), "required": ()})
+
+    def _codes_of_call(
+        self, call: model.CallActivity, called: tuple[model.Definitions, model.Process],
+        processes: Sequence[model.Process], guarded: Guarded,
+    ) -> tuple[str, ...]:  # fmt: skip
+        """The codes with which a call may fail: those of what it calls, and that of its mapping."""
+        items = (*call.io.inputs, *call.io.outputs) if call.io is not None else ()
+        mismatch = next(filter(None, (self.to.kinds.mismatch(item.source) for item in items)), "")
+        return self.to.failures.of_call(call, called, processes, guarded, mismatch)
 
     def _call_variables(
         self, call: model.CallActivity, inside: Sequence[tuple[model.Definitions, model.Process]]
@@ -316,6 +355,19 @@ class _Rewriter:
         given = {*names}
         every = given.union(*(self.to.facts.aliases.of((name, False)) for name in given))
         return {*filter(str.isidentifier, every)}
+
+
+def _kinds(
+    homes: Sequence[tuple[model.Definitions, model.Process]],
+    types: Mapping[str, TopicUse], parameters: Mapping[str, Collection[Any]], *, given: bool,
+) -> Kinds:  # fmt: skip
+    """The kinds of variables, of which nothing is known if a person may set any of them."""
+    forms = [form_of(home, node.human) for home, process in homes for node in process.body.walk()
+             if isinstance(node, model.Task) and node.kind in ("user", "manual")]  # fmt: skip
+    fields_of_forms = [(one.key.partition(".")[0], "value" if "." in one.key else one.kind, one.required)
+                       for form in forms for one in form if one.key]  # fmt: skip
+    nothing = given or not all(map(is_whole, forms))
+    return kinds_in([process for _, process in homes], types, parameters, fields_of_forms, nothing=nothing)
 
 
 def _asked_by(home: model.Definitions, task: model.Task) -> set[str]:

@@ -82,7 +82,7 @@ def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Sear
 
     Other proofs become "not known". What follows from such failures is explored for this alone: it is no finding.
     """
-    entered = set[str]().union(*(local.states.visited | local.host.set_timers for local in team.locals))
+    entered = set[str]().union(*(local.states.visited | local.host.doubted.keys() for local in team.locals))
     may_fail = sorted({element for element, _ in team.model.failures.unhandled}.union(_supposed(team)) & entered)
     if not may_fail or team.monitors is None or not any(proof.verdict in _HOLDING for proof in searched.judged):
         return searched
@@ -97,8 +97,8 @@ def after_failures(team: Team, searched: Searched, budget: SearchBudget) -> Sear
 
 
 def _supposed(team: Team) -> set[str]:
-    """The scripts and timers that fail only because it is not known that they do not."""
-    return set[str]().union(*(local.host.supposed for local in team.locals))
+    """What fails only because it is not known that it does not."""
+    return set[str]().union(*(local.host.supposed | local.host.doubted.keys() for local in team.locals))
 
 
 def _after_failures(
@@ -113,8 +113,12 @@ def _after_failures(
     steps = [(step.element, step.detail) for step in run]
     chosen = [(element, "script") for step in run for element, way, _ in step.choices if way and element in supposed]
     failed = [one[0] for one in (*steps, *chosen) if one in unhandled]
-    names = " or ".join(team.places[element].display_name for element in dict.fromkeys(failed or may_fail))
+    elements = dict.fromkeys(failed or may_fail)
+    names = " or ".join(team.places[element].display_name for element in elements)
     why = f"{names} may fail, and nothing catches it"
+    texts = {element: text for local in team.locals for element, text in local.host.doubted.items()}
+    if where := " or ".join(f"`{texts[element]}`" for element in elements if element in texts):
+        why += f", for example at {where}"
     if cuts and (again is None or again.verdict != "refuted"):
         why += f"; what follows is not explored whole ({', '.join(cuts)})"
     return replace(proof, verdict="not known", text="; ".join(filter(None, (why, proof.text))))

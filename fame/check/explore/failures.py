@@ -60,7 +60,7 @@ class Failures:
         """Return whether an error event of any code is at an element, or around it."""
         return "" in self.facts.catches and (guarded.inside or None in boundary_codes(node, guarded.body))
 
-    def exceptions_are_caught(self, task: model.Task, guarded: Guarded) -> bool:
+    def exceptions_are_caught(self, task: model.Activity, guarded: Guarded) -> bool:
         """Return whether an error event may catch what a script raises otherwise than with a code."""
         return self.any_is_caught(task, guarded) or ("script" in self.facts.catches and task in guarded)
 
@@ -84,11 +84,12 @@ class Failures:
 
     def of_call(
         self, call: model.CallActivity, called: tuple[model.Definitions, model.Process],
-        processes: Sequence[model.Process], guarded: Guarded,
+        processes: Sequence[model.Process], guarded: Guarded, mismatch: str,
     ) -> tuple[str, ...]:  # fmt: skip
         """Return the codes with which a behaviour may fail: its own, and those of services and work inside.
 
         processes  the called process and all that it calls
+        mismatch   a text of its mapping that may fail by itself, or an empty text
         """
         thrown = thrown_by(self.library, *called, self.facts.catches)
         codes = step_codes(call, thrown, guarded.body)
@@ -98,7 +99,8 @@ class Failures:
         inside = [node for process in processes for node in process.body.walk()]
         at_work, supposed = _codes_at_work(inside), set[str]()
         if "script" not in codes | at_work:
-            supposed = {"script" for node in inside if node.script is not None and may_fail(node.script)}
+            risky = bool(mismatch) or any(node.script is not None and may_fail(node.script) for node in inside)
+            supposed = {"script"} if risky else set()
             self.supposed.update(call.id for _ in supposed)
         if self.any_is_caught(call, guarded):
             return in_order((codes or at_work) | supposed) + in_order(named)

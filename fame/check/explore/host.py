@@ -19,9 +19,10 @@ from fame.check.explore.abstraction import Abstraction, AbstractStep, step_name
 from fame.check.explore.aliases import SHARED, Aliases, changes_in_place, shared
 from fame.check.explore.asking import asking, functions
 from fame.check.explore.graph import reachable
+from fame.check.explore.mismatches import ANY, Kinds, inserted_whole, kind_of
 from fame.check.explore.purity import STEPS, is_computable
 from fame.check.explore.remembering import Memory, Outcomes, key_of, memory_of, owner_of
-from fame.check.explore.slicing import fails_alone, may_mismatch, may_raise
+from fame.check.explore.slicing import fails_alone, may_fail, may_mismatch
 from fame.check.explore.timers import Timer
 from fame.check.explore.values import (
     LENGTHS,
@@ -58,6 +59,14 @@ MOST_DECISIONS = 8
 """Decisions within one step that go all ways; later ones alternate, so that a loop over an unknown condition ends."""
 
 
+class _Doubts(int):
+    """A number of ways that `choose` tells from others: they do not count as decisions."""
+
+
+DOUBT = _Doubts(2)
+MOST_DOUBTS = 24
+"""Doubts within one step that are tried."""
+
 SUPPOSED = "supposed"
 """The flag of an uncaught error of which it is only not known that it cannot happen."""
 
@@ -93,12 +102,19 @@ class Outcome:
     quiet: bool = True
     events: list[Event] = field(default_factory=list)
     choices: list[tuple[str, int, int]] = field(default_factory=list)  # element, chosen, ways
+    doubts: int = 0
+    """How many of the choices were `DOUBT`."""
     settled: set[int] = field(default_factory=set)
     """Places of choices that were made before, and remembered."""
     unsure: set[str] = field(default_factory=set)
     """Elements that failed while they used something unknown."""
     supposed: set[str] = field(default_factory=set)
     """Elements that failed because that is not known not to happen: it counts only where an error event catches it."""
+
+    @property
+    def most(self) -> int:
+        """The number of choices that go all ways."""
+        return MOST_DECISIONS + min(self.doubts, MOST_DOUBTS)
 
 
 class ExplorationHost:
@@ -155,8 +171,14 @@ class ExplorationHost:
         """The computed codes of throwing events, see `Abstraction`."""
         self.supposed: set[str] = {*model.failures.supposed}
         """What fails with `script` only because it is not known that it does not, see `Outcome.supposed`."""
-        self.set_timers: set[str] = set()
-        """Timer events of `supposed` that were set."""
+        self.doubted: dict[str, str] = {}
+        """Elements that may have failed in a step since something is not known, and at which text."""
+        self.kinds: Kinds = model.kinds
+        self.originals: Mapping[str, Collection[Expression]] = model.originals
+        """Scripts as they are in the model."""
+        self.uses: Mapping[tuple[str, str], str] = model.uses
+        """(element, text) of expressions that may fail -> their use."""
+        self.judged: bool = judged
         self.opaque: set[str] = set()
         """Scripts that may raise, and are not executed."""
         self.skipped: dict[str, str] = {}
@@ -223,11 +245,12 @@ class ExplorationHost:
         choices = self.outcome.choices
         self.shortened.update((self.place,) if ways is LENGTHS else ())
         place = len(choices)
+        self.outcome.doubts += ways is DOUBT
         if self._again:
             self.outcome.settled.add(place)
             choices.append((self.place, self._again.popleft(), ways))
             return choices[place][1]
-        undecided = 0 if place < MOST_DECISIONS else place % ways
+        undecided = 0 if place < self.outcome.most or ways is DOUBT else place % ways
         chosen = self.decisions[place] if place < len(self.decisions) else undecided
         choices.append((self.place, chosen, ways))
         return chosen
@@ -261,12 +284,14 @@ class ExplorationHost:
         if self.payloads.get((element, expression.text), "") not in self.matters | {""}:
             self.skipped[element] = expression.text
         key = key_of(expression)
-        made = self._expression(expression, element, file)
+        made = self._doubting(self._expression(expression, element, file), expression, element)
         codes = self.computed.get((element, expression.text))
         if codes is not None:
             return lambda variables: self._code(made(variables), codes, element)
         if (element, expression.text) in self.counts:
-            return partial(self._items, made, element, number=self.counts[element, expression.text])
+            number = self.counts[element, expression.text]
+            fits = self.kinds.is_count(expression) if number else self.kinds.is_list(expression)
+            return partial(self._items, made, element, number=number, doubt="" if fits else expression.text)
         return self._remembering(made, key) if key in self.remembered else made
 
     def _expression(self, expression: Expression, element: str, file: str) -> Callable[..., Any]:
@@ -283,8 +308,62 @@ class ExplorationHost:
             return self._python(self._reading(run, effects.reads), effects.reads, element)
         run = compile_expression(expression, file=file, element=element)
         if expression.language == "payload":
-            return self._checked(run, expression, element, open_to=_inserted_whole(expression.text))
+            return self._checked(run, expression, element, open_to=inserted_whole(expression.text))
         return self._checked(run, expression, element)
+
+    def _doubting(self, run: Callable[..., Any], expression: Expression, element: str) -> Callable[..., Any]:
+        """An expression that may also fail since a value is not of the kind that it expects, where that is noticed."""
+        use = self.uses.get((element, expression.text))
+        if use is None or not (self.judged or element in self.guarded):
+            return run
+        computed = expression.language != "javascript" and (
+            expression.language != "python" or is_computable(expression, self.fields, "eval")
+        )
+        doubt = self._doubts(expression, computed, condition=use == "condition")
+
+        def evaluate(variables: dict[str, Any]) -> Any:
+            if text := doubt(variables):
+                self.compute(element)
+                self._may_fail(element, text)
+            return run(variables)
+
+        return evaluate
+
+    def _doubts(
+        self, text: Expression, computed: bool, *, script: bool = False, condition: bool = False
+    ) -> Callable[[dict[str, Any]], str]:  # fmt: skip
+        """A function that gives the part of a text that may fail since a value is not of the kind that it expects.
+
+        computed  it is executed: on values that are known it fails in an exploration as it does in a run
+        """
+        if not self.kinds.mismatch(text, script=script, condition=condition):
+            return lambda variables: ""
+        effects, found = effects_of(text, script=script), dict[tuple[str, ...], str]()
+        reads = tuple(sorted(effects.reads))
+        kept = [name for name in reads if name not in effects.writes]  # others may be of another kind in the middle
+
+        def doubt(variables: dict[str, Any]) -> str:
+            if computed and not any(holds_unknown(variables.get(name)) for name in reads):
+                return ""
+            kinds = tuple([kind_of(variables[name]) if name in variables else ANY for name in kept])
+            if kinds not in found:
+                known = {name: kind for name, kind in zip(kept, kinds, strict=True) if kind}
+                found[kinds] = self.kinds.beside(known).mismatch(text, script=script, condition=condition)
+            return found[kinds]
+
+        return doubt
+
+    def _script_doubts(self, scripts: Iterable[Expression], computed: bool) -> Callable[[dict[str, Any]], str]:
+        """The same of the script of a task, or of several tasks that have one id."""
+        each = [self._doubts(one, computed, script=True) for one in scripts]
+        return lambda variables: next(filter(None, (doubt(variables) for doubt in each)), "")
+
+    def _may_fail(self, element: str, text: str) -> None:
+        """Go on, or raise something, which only counts where that is noticed. Raises BpmnError."""
+        self.doubted[element] = text
+        if self.choose(2 if element in self.guarded else DOUBT):
+            self.outcome.supposed.add(element)
+            raise BpmnError("script", MARK)
 
     def _remembering(self, run: Callable[..., Any], key: str) -> Callable[..., Any]:
         """A condition with the same outcome until a variable that it reads is set."""
@@ -340,11 +419,15 @@ class ExplorationHost:
         chosen = self.choose(1 + len(named)) if named else 0
         return named[chosen - 1] if chosen else MARK
 
-    def _items(self, made: Callable[..., Any], element: str, variables: dict[str, Any], *, number: bool) -> Any:
-        """A collection, or a number of items; of one that is not known a few are tried."""
+    def _items(
+        self, made: Callable[..., Any], element: str, variables: dict[str, Any], *, number: bool, doubt: str
+    ) -> Any:  # fmt: skip
+        """A collection, or a number of items; of one that is not known a few are tried, and that it is none."""
         value, self.place = made(variables), element
         if not is_unknown(value) and not (isinstance(value, str) and MARK in value):
             return value
+        if doubt and (self.judged or element in self.guarded):
+            self._may_fail(element, doubt)
         return self.choose(LENGTHS) if number else [*iter(self.values.unknown)]
 
     def _reading(
@@ -443,9 +526,17 @@ class ExplorationHost:
         failing = replace(step, codes=tuple(sorted({*step.codes, "script"})))
         step = failing if effects.fails or (not executed and (risky or odd)) else step
         told = "script" in step.codes and (element in self.guarded or not risky)
-        if element in self.left_out or (not computable and not effects.waits and not told and may_raise(script)):
-            self.skipped[element] = self.left_out.get(element) or script.text.strip().partition("\n")[0]
+        originals = tuple(self.originals.get(element, (script,)))
+        doubts = self._script_doubts(originals, computable and not effects.waits)
+        mismatch = next(filter(None, (self.kinds.mismatch(one, script=True) for one in originals)), "")
+        raises = bool(mismatch) or any(map(may_fail, originals))
+        beginning = mismatch or originals[0].text.strip().partition("\n")[0]
+        if element in self.left_out or (not computable and not effects.waits and not told and raises):
+            self.skipped[element] = self.left_out.get(element) or beginning
         if effects.waits:
+            if mismatch and not guarded and self.judged and not effects.fails:
+                self.supposed.add(element)
+                self.doubted[element], step = mismatch, failing
             self.midway.update((element, topic) for topic in sorted(effects.midway & self.shared_topics))
             running = Running(step)
             return lambda variables: running
@@ -456,16 +547,26 @@ class ExplorationHost:
             and not any(map(self.kept, (*step.writes, *(reaches if computable else step.changes))))
         )
         if dropped:
-            if may_raise(script):
-                self.skipped.setdefault(element, script.text.strip().partition("\n")[0])
+            if raises:
+                self.skipped.setdefault(element, beginning)
             run = _nothing
         unseen = effects.catches or not (computable or dropped)
         perhaps = partial(self._perhaps_failing, run)
         uncertain = self._abstract if unseen else perhaps if risky else partial(self._computed, run)
         otherwise = perhaps if risky and (dropped or element in self.left_out) else partial(self._computed, run)
         reads = effects.reads
+        notices = not effects.fails and not risky and (self.judged or guarded)
+        if dropped or element in self.left_out:
+            doubts = self._script_doubts(originals, computed=False)
 
         def execute(variables: dict[str, Any]) -> None:
+            if notices and (text := doubts(variables)) and not (guarded and (unseen or not computable)):
+                self.compute(element)
+                try:
+                    self._may_fail(element, text)
+                except BpmnError:
+                    self.end_step(step, variables, failed=True)
+                    raise
             given = [variables.get(name) for name in reads]
             of_any_kind = odd and any(map(is_unknown, given))
             unset = guarded and not all(name in variables for name in reads)
@@ -661,11 +762,7 @@ class ExplorationHost:
         if MARK not in text:
             TIMES[kind](text)
         elif self.place in self.risky:
-            self.supposed.add(self.place)
-            self.set_timers.add(self.place)
-            if self.choose(2):
-                self.outcome.supposed.add(self.place)
-                raise BpmnError("script", MARK)
+            self._may_fail(self.place, text)
         seconds = seconds_of(text)
         period = (seconds or 1.0) if kind == "cycle" else None
         if seconds is None or not self.ordered or kind == "date":
@@ -758,18 +855,6 @@ def _at(value: Any, path: str, lists: bool) -> Any:
             return value
         value = value.get(name) if isinstance(value, dict) else getattr(value, name, None)
     return value
-
-
-_HOLE = re.compile(r"[$#]\{([^{}]*)\}")
-
-
-def _inserted_whole(payload: str) -> frozenset[str]:
-    """The variables that a payload only inserts, by ``${name}``: an unknown value leaves its other fields known."""
-    inside = [found[1].strip() for found in _HOLE.finditer(payload)]
-    if payload.lstrip().startswith("=") or len(inside) < payload.count("${") + payload.count("#{"):
-        return frozenset()
-    computed = {name for text in inside if not text.isidentifier() for name in re.findall(r"\w+", text)}
-    return frozenset(text for text in inside if text.isidentifier()) - computed
 
 
 @lru_cache(maxsize=1024)

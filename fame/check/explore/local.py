@@ -15,7 +15,7 @@ from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.canonical import Forms
 from fame.check.explore.footprints import Effect, Footprints, Watched
-from fame.check.explore.host import MOST_DECISIONS, Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
+from fame.check.explore.host import Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
 from fame.check.explore.liveness import Liveness
 from fame.check.explore.remembering import Memory, remembered
 from fame.check.explore.running_states import go_on, resumed
@@ -281,8 +281,8 @@ class Local:
                 cut = True
                 break
             if choices:
-                cut |= len(choices) > MOST_DECISIONS
-                for place in range(len(host.decisions), min(len(choices), MOST_DECISIONS)):
+                cut |= len(choices) > outcome.most
+                for place in range(len(host.decisions), min(len(choices), outcome.most)):
                     if place in outcome.settled:
                         continue
                     _, chosen, ways = choices[place]

@@ -45,7 +45,7 @@ _UNDIVIDED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Import, a
 _HARMLESS = (ast.Module, ast.Assign, ast.Expr, ast.Pass, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.expr_context)
 """What raises nothing: giving a name a constant, the value of another one, or a list of these."""
 
-_SURE = (ast.Module, ast.Assign, ast.Expr, ast.If, ast.While, ast.Break, ast.Continue, ast.Pass, ast.Raise, ast.Assert,
+SURE = (ast.Module, ast.Assign, ast.Expr, ast.If, ast.While, ast.Break, ast.Continue, ast.Pass, ast.Raise, ast.Assert,
          ast.BoolOp, ast.IfExp, ast.NamedExpr, ast.Constant, ast.Name, ast.JoinedStr, ast.keyword, ast.Try, ast.TryStar,
          ast.expr_context, ast.boolop, ast.operator, ast.unaryop, ast.cmpop)  # fmt: skip
 """What raises nothing on values of any kind; whether it says ``raise`` or ``assert`` is looked at elsewhere."""
@@ -54,17 +54,17 @@ _OF_A_KIND = (ast.Attribute, ast.BinOp, ast.AugAssign, ast.UnaryOp, ast.Compare,
               ast.Lambda, ast.arguments, ast.arg, ast.FormattedValue, ast.Await, ast.AnnAssign,
               ast.ExceptHandler)  # fmt: skip
 """What raises nothing on values of the kind that it expects, but for what `_may_fail` names."""
-_OF_ROBOT = frozenset(("name", "namespace", "now", "date"))
-_SURE_CALLS = frozenset(("bool", "print", "repr", "str", "type"))
+OF_ROBOT = frozenset(("name", "namespace", "now", "date"))
+SURE_CALLS = frozenset(("bool", "print", "repr", "str", "type"))
 """Functions that raise nothing on one value of any kind."""
-_OF_INTERFACE = frozenset(("BpmnError", "log", "receive", "robot", "signal", "sleep"))
+OF_INTERFACE = frozenset(("BpmnError", "log", "receive", "robot", "signal", "sleep"))
 """What raises nothing on constants: those that are wrong are errors of the model."""
 _TIMED = {"receive": 2, "until": 1}
 """What raises an exception when the time is over that it is given -> the place of this time among its arguments."""
 _SURE_OF_A_KIND = (COMPUTING - {"divmod", "float", "int", "max", "min", "round"}).union(
     ("BpmnError", "hasattr", "isinstance", "log", "receive", "signal", "sleep", "type", "until")
 )
-_SURE_METHODS = (
+SURE_METHODS = (
     (READING_METHODS | CHANGING_METHODS)
     .difference(("index", "pop", "popitem", "popleft", "remove"))
     .union(("atan", "atan2", "copysign", "degrees", "dist", "fabs", "hypot", "isfinite", "isinf", "isnan", "radians"))
@@ -115,13 +115,8 @@ def fails_alone(script: Expression) -> bool:
     return any(statement.alone for statement in _statements(script) or ())
 
 
-def may_raise(script: Expression) -> bool:
-    """Return whether a script does more than give names constants or values of others."""
-    tree = _tree(script)
-    return tree is None or _may_raise(tree)
-
-
 def _may_raise(tree: ast.AST) -> bool:
+    """Whether a statement does more than give names constants or values of others."""
     return not all(
         isinstance(node, _HARMLESS) and not (isinstance(node, ast.Tuple | ast.List) and isinstance(node.ctx, ast.Store))
         for node in ast.walk(tree)
@@ -135,7 +130,7 @@ def may_fail(script: Expression) -> bool:
     What stands in a ``try`` with handlers of all exceptions does not.
     """
     tree = _tree(script)
-    return tree is not None and any(map(_may_fail, _walk(tree)))
+    return tree is not None and any(map(_may_fail, walk(tree)))
 
 
 def _may_fail(node: ast.AST) -> bool:
@@ -147,22 +142,22 @@ def _may_fail(node: ast.AST) -> bool:
         case ast.Tuple() | ast.List():
             return isinstance(node.ctx, ast.Store)
         case ast.Call(func=ast.Name(name)):
-            return name not in _SURE_OF_A_KIND or _may_time_out(node)
+            return name not in _SURE_OF_A_KIND or may_time_out(node)
         case ast.Call(func=ast.Attribute(ast.Name("log" | "robot"))):
             return False  # but for actions and services, whose failures `Failures` has
         case ast.Call(func=ast.Attribute(attr=name)):
-            return name not in _SURE_METHODS
-    return not isinstance(node, (*_SURE, *_OF_A_KIND))
+            return name not in SURE_METHODS
+    return not isinstance(node, (*SURE, *_OF_A_KIND))
 
 
 @lru_cache(maxsize=1024)
 def may_mismatch(script: Expression) -> bool:
     """Return whether a script may raise something on values of any kind, but that a variable is not set."""
     tree = _tree(script)
-    return tree is None or any(map(_may_mismatch, _walk(tree)))
+    return tree is None or any(map(_may_mismatch, walk(tree)))
 
 
-def _walk(node: ast.AST) -> Iterator[ast.AST]:
+def walk(node: ast.AST) -> Iterator[ast.AST]:
     """Walk what may raise in a tree: not what handlers catch, nor the functions that calls name."""
     pending = [node]
     while pending:
@@ -179,15 +174,15 @@ def _walk(node: ast.AST) -> Iterator[ast.AST]:
 def _may_mismatch(node: ast.AST) -> bool:
     match node:
         case ast.Attribute(ast.Name("robot"), name, ast.Load()):
-            return name not in _OF_ROBOT
-        case ast.Call(ast.Name(name), [_], []) if name in _SURE_CALLS:
+            return name not in OF_ROBOT
+        case ast.Call(ast.Name(name), [_], []) if name in SURE_CALLS:
             return False
         case ast.Call(ast.Name("log") | ast.Attribute(ast.Name("log")), _, []):
             return False
         case ast.Call(ast.Name(name) | ast.Attribute(ast.Name(name)), arguments, named):
             given = [*arguments, *(one.value for one in named)]
             constant = all(isinstance(one, ast.Constant) for one in given)
-            return name not in _OF_INTERFACE or not constant or _may_time_out(node)
+            return name not in OF_INTERFACE or not constant or may_time_out(node)
         case ast.UnaryOp(op):
             return not isinstance(op, ast.Not)
         case ast.Compare(ops=operators):
@@ -199,19 +194,19 @@ def _may_mismatch(node: ast.AST) -> bool:
         case ast.FormattedValue(format_spec=spec):
             return spec is not None
         case ast.ExceptHandler():
-            return not all(_is_exception(one) for one in ast.walk(node.type or ast.Load()))
+            return not all(is_exception(one) for one in ast.walk(node.type or ast.Load()))
         case ast.Await(value):
             return not isinstance(value, ast.Call)  # of what gives something else, the call is not sure
-    return not isinstance(node, _SURE)
+    return not isinstance(node, SURE)
 
 
-def _may_time_out(call: ast.Call) -> bool:
+def may_time_out(call: ast.Call) -> bool:
     """Whether a call is one that waits for a time that it is given."""
     place = _TIMED.get(called_name(call))
     return place is not None and (len(call.args) > place or any(one.arg != "type" for one in call.keywords))
 
 
-def _is_exception(node: ast.AST) -> bool:
+def is_exception(node: ast.AST) -> bool:
     """Whether a part of what an ``except`` names is surely of exceptions."""
     kind = getattr(builtins, node.id, None) if isinstance(node, ast.Name) else Exception
     known = kind if isinstance(kind, type) else object

@@ -13,6 +13,7 @@ from fame.check.explore.abstraction import Abstraction, abstraction
 from fame.check.explore.host import ExplorationHost
 from fame.check.explore.kinds import kinds_of
 from fame.check.explore.local import Local
+from fame.check.explore.mismatches import given_values
 from fame.check.explore.places import places_of
 from fame.check.explore.properties import Monitors, Watch, is_judged
 from fame.check.explore.request import Request
@@ -125,7 +126,6 @@ class Team:
     def _abstraction(
         self, reads: Mapping[str, set[str]], judged: Sequence[Monitor], watches: Sequence[Watch], *, given: bool
     ) -> Abstraction:
-        variables = self.request.variables.values()
         return abstraction(
             self.definitions,
             _distinct(self.kinds),
@@ -133,7 +133,7 @@ class Team:
             dict(shared_topics(self.definitions, self.pools, self.library)),
             given=given,
             read=frozenset[str]().union(*reads.values()),
-            parameters=frozenset(name for values in variables for name in values),
+            parameters=given_values(self.request.variables.values()),
             named=codes_named(monitor.spec for monitor in (*judged, *(watch.monitor for watch in watches))),
         )
 

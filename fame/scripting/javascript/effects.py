@@ -80,6 +80,14 @@ _NEXT = re.compile(
 """The callback of a script; of another object, a method of this name with an argument."""
 _WITHOUT_ERROR = re.compile(r"\s*(?:\?\.\s*)?\(\s*(?:null|undefined|false)?\s*[,)]")
 _ENDS_LATER = re.compile(rf"\bsetTimeout\s*\(\s*(?:{_NEXT.pattern})\s*(?:,\s*[\w.$]+\s*)?\)", re.VERBOSE)
+_SURE_CALL = re.compile(
+    r"(?<![\w$.])(?:(?:this\s*\.\s*)?next|Math\s*\.\s*(?!random)\w+|console\s*\.\s*(?:log|info|debug|warn|error)|Number|String"
+    r"|Boolean|parseInt|parseFloat|isNaN|isFinite)\s*(?=\()|\b(?:Math\s*\.\s*(?:PI|E))\b"
+)
+_DECLARED = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=(?!=)")
+_SURE_WORD = re.compile(r"\b(?:if|else|true|false|null|undefined|NaN|Infinity|typeof|return)\b")
+_MAY_MISMATCH = re.compile(r"[\[\]`?.]|=>|[A-Za-z_$]|[\w)]\s*\(")
+"""A member, a call, a name that is not declared: what it is of may be undefined."""
 _EFFECT = re.compile(r"[\w$\])]\s*(\?\.)?\(|[`/]|\+\+|--|=>|>>=|<<=|(?<![=!<>])=(?!=)")
 """A call, an assignment, or what hides one."""
 
@@ -174,6 +182,22 @@ class JavaScriptEffects(Effects):
             return True
         code = _ENDS_LATER.sub("", _LITERAL.sub(_without, self.expression.text))
         return any(not _WITHOUT_ERROR.match(code, found.end()) for found in _NEXT.finditer(code))
+
+    @cached_property
+    def may_mismatch(self) -> bool:
+        """Whether it does more than compute with variables and literals, and set them: of these nothing is refused."""
+        code = _LITERAL.sub(_without, self.expression.text)
+        aliases, code = _ALIAS.findall(code), _ALIAS.sub("", code)
+        for alias in aliases:
+            code = re.sub(rf"(?<![\w$.]){re.escape(alias)}(?![\w$])", "this.environment.variables", code)
+        code = _SURE_CALL.sub(" ", re.sub(rf"{_BEHIND}\s*\.\s*{_NAME}", "0", code))
+        for name in _DECLARED.findall(code):
+            once = re.search(rf"\bconst\s+{re.escape(name)}(?![\w$])", code) is not None
+            if once and len(re.findall(rf"(?<![\w$.]){re.escape(name)}(?![\w$])(?:{_SET.pattern})", code)) > 1:
+                return True  # it is set again
+            code = re.sub(rf"(?<![\w$.]){re.escape(name)}(?![\w$])", "0", code)
+        code = re.sub(r"\b(?:const|let|var)\b|\d+\.\d*|\?(?![.?])", " ", _SURE_WORD.sub(";", code))
+        return _MAY_MISMATCH.search(code) is not None
 
     @property
     def waits(self) -> bool:
