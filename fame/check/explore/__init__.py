@@ -18,6 +18,7 @@
     decisive        variables and payloads that decide something
     element_variables  what elements use besides their texts
     slicing         statements of scripts that decide nothing
+    mismatches      what texts may raise on values of another kind
     counting        lists of which only the length is read
     aliases         variables that may hold the same list or mapping
     asking          scripts and conditions that ask unknown values

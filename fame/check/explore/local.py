@@ -15,7 +15,7 @@ from fame.bpmn.pools import Pool
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.canonical import Forms
 from fame.check.explore.footprints import Effect, Footprints, Watched
-from fame.check.explore.host import Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
+from fame.check.explore.host import DOUBT, Event, ExplorationHost, Flag, Outcome, OutOfTimeError, Send
 from fame.check.explore.liveness import Liveness
 from fame.check.explore.remembering import Memory, remembered
 from fame.check.explore.running_states import go_on, resumed
@@ -192,7 +192,7 @@ class Local:
 
         def keep(taken: Successor, outcome: Outcome) -> None:
             if taken == way:
-                choices.append(outcome.choices)
+                choices.append([one for one in outcome.choices if one[2] is not DOUBT or one[1]])
 
         if state is None or stimulus is None:
             self._explored(*self._first(given), keep)
