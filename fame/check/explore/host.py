@@ -361,7 +361,7 @@ class ExplorationHost:
     def _may_fail(self, element: str, text: str) -> None:
         """Go on, or raise something, which only counts where that is noticed. Raises BpmnError."""
         self.doubted[element] = text
-        if self.choose(DOUBT):
+        if self.choose(2 if element in self.guarded else DOUBT):
             self.outcome.supposed.add(element)
             raise BpmnError("script", MARK)
 
