@@ -426,16 +426,18 @@ def held_by(team: Field, robot: str) -> dict[str, int]:
 
 
 def test_engines_and_splitters_are_killed_and_come_back_and_nothing_else_stops(field):
-    first = field.start("splitter")
     a = field.engine("A")
-    field.until(lambda: "idle" in field.roles.values() and field.last("A"), "them to be there")
+    field.until(lambda: field.last("A"), "A to be there")
+    twin = field.start("engine", "A")  # before a splitter: one that finds A late, and is given a process, stays
+    _, complaint = twin.communicate(timeout=LIMIT)
+    assert (twin.returncode, "there is an engine 'A' already" in complaint) == (2, True)
+    first = field.start("splitter")
+    field.until(lambda: "idle" in field.roles.values() and not field.last("A").warnings, "A to be alone")
     field.diagrams.publish(messages.create(STRING, BOTH_WAIT))
     b = field.engine("B")  # late
     field.until(lambda: (field.at("A"), field.at("B")) == (["wait_a"], ["wait_b"]), "the team to run")
     kept = field.last("B").deployed
-    second, twin = field.start("splitter"), field.start("engine", "A")
-    _, complaint = twin.communicate(timeout=LIMIT)
-    assert (twin.returncode, "there is an engine 'A' already" in complaint) == (2, True)
+    second = field.start("splitter")
     field.until(lambda: sorted(field.roles.values()) == ["keeping", "standby"], "the second to stand by")
 
     field.kill(a)
