@@ -212,10 +212,10 @@ def test_an_idle_run_wakes_up_for_work_from_another_thread_and_for_stop() -> Non
     runner.start()
     worked = threading.Event()
     scheduler.soon(lambda: (seen.append(threading.get_ident()), worked.set()))
-    assert worked.wait(10)
+    assert worked.wait(60)
     assert seen == [runner.ident]
     scheduler.stop()
-    runner.join(10)
+    runner.join(60)
     assert not runner.is_alive()
 
 

@@ -112,7 +112,7 @@ def test_prometheus_reads_what_a_mission_does() -> None:
     with serve_metrics("127.0.0.1", port) as metrics:
         robot = Robot(on_status=(metrics,))
         robot.run(WAITS)
-        with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10) as response:
+        with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=60) as response:
             lines = response.read().decode().splitlines()
         with pytest.raises(ConfigError, match=f"--metrics 127.0.0.1:{port} cannot be opened: Address already in use"):
             serve_metrics("127.0.0.1", port).__enter__()

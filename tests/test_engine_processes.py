@@ -77,7 +77,7 @@ def test_an_engine_gets_its_process_waits_goes_on_and_leaves(
     assert '"wait"' in json.dumps(robots)
     told("complete", "REX", "wait", *over)
     engine.send_signal(signal.SIGINT)
-    assert engine.wait(timeout=20) == 0
+    assert engine.wait(timeout=60) == 0
 
 
 DRIVES = document(
@@ -129,7 +129,7 @@ def test_an_engine_that_is_ended_brings_its_robot_to_the_safe_state(ending: str 
     )
 
     def run_until(condition: Callable[[], object]) -> None:
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 60
         while not condition():
             assert time.monotonic() < deadline, speeds[-3:]
             scheduler.run(scheduler.now + SECOND // 50)
@@ -217,7 +217,7 @@ def test_a_splitter_deploys_the_diagram_that_is_published(
     try:
         publish = [sys.executable, "-c", DIAGRAM, middleware, str(tmp_path / "wait.bpmn")]
         subprocess.run(publish, env=ENVIRONMENT, timeout=60, check=True)
-        deadline = time.monotonic() + 40
+        deadline = time.monotonic() + 60
         while '"wait"' not in told("status", "REX", "--json", *over):
             assert time.monotonic() < deadline
         told("complete", "REX", "wait", *over)
@@ -267,9 +267,9 @@ def test_a_process_that_replaces_another_is_recorded_and_nobody_warns(
         told("status", "REX", *over)
     finally:
         recorder.send_signal(signal.SIGINT)
-        recorder.communicate(timeout=30)
+        recorder.communicate(timeout=60)
     engine.send_signal(signal.SIGINT)
-    _, said = engine.communicate(timeout=20)
+    _, said = engine.communicate(timeout=60)
     assert "already registered" not in said
     told("log", "convert", str(file), "-o", str(tmp_path / "team.csv"))
     events = (tmp_path / "team.csv").read_text()
@@ -341,7 +341,7 @@ def test_several_engines_of_one_command_are_robots_like_any_and_leave_together(
     assert status(middleware) == dict.fromkeys(ROBOTS, "waiting")
     assert len(children(engines)) == len(ROBOTS)
     engines.send_signal(signal.SIGINT)
-    _, errors = engines.communicate(timeout=30)
+    _, errors = engines.communicate(timeout=60)
     assert (engines.returncode, errors) == (0, "")
 
 
@@ -357,7 +357,7 @@ def test_of_several_engines_one_may_be_killed_and_the_others_end_with_what_start
         time.sleep(0.1)
     assert all(map(lives, others))
     engines.kill()
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while any(map(lives, others)) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not any(map(lives, others))

@@ -223,5 +223,5 @@ def test_foxglove_shows_a_team_in_many_processes() -> None:
                     break
         assert {each["id"] for each in json.loads(seen[WORLD])["entities"]} == {"REX", "DINGO"}
         viewer.send_signal(signal.SIGINT)
-        assert viewer.wait(30) == 0
+        assert viewer.wait(60) == 0
         team.terminate()

@@ -46,7 +46,7 @@ def test_the_scheduler_goes_on_while_a_function_is_at_work():
 
     def task():
         scheduler.after(1, beat.set)
-        return (yield lambda: beat.wait(5))
+        return (yield lambda: beat.wait(60))
 
     assert done_with(scheduler, task()) is True
 
@@ -72,7 +72,7 @@ def test_what_takes_too_long_is_given_up_and_its_thread_ends(monkeypatch):
     outcome = done_with(WallScheduler(), task())
     assert isinstance(outcome, FameError)
     assert "takes more than" in str(outcome)
-    assert ended.wait(5)
+    assert ended.wait(60)
     assert closed == [True]
 
 

@@ -163,7 +163,7 @@ def engine(request: pytest.FixtureRequest) -> Iterator[subprocess.Popen[str]]:
     assert "waits for its process" in process.stderr.readline()
     yield process
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=20)
+    process.communicate(timeout=60)
 
 
 def ros2(expected: str, *words: str) -> None:

@@ -265,7 +265,7 @@ def test_a_node_in_another_process_filters_and_its_parameters_change_from_a_thir
         assert (refused[0], "expected a number of 1e-06 or more Hz, got -1.0" in refused[2]) == (2, True)
     finally:
         node.send_signal(signal.SIGINT)
-        _, said = node.communicate(timeout=20)
+        _, said = node.communicate(timeout=60)
     assert node.returncode == 0
     assert "low_pass: cutoff is 5.0 now" in said
 

@@ -313,7 +313,7 @@ class Slow:
 
     def __init__(self):
         BEGUN.set()
-        if not GATE.wait(5):
+        if not GATE.wait(60):
             raise TimeoutError("nothing went on while this was loaded")
 
     def execute(self, inputs):

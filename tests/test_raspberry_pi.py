@@ -56,7 +56,7 @@ class Machine:
         """End a program. Gives what it has printed since."""
         program = self.running.pop(name)
         program.terminate()
-        return program.communicate(timeout=30)[0]
+        return program.communicate(timeout=60)[0]
 
 
 def test_the_page_leads_to_the_first_mission(tmp_path: Path) -> None:

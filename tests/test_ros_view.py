@@ -98,7 +98,7 @@ class Command:
     def interrupt(self) -> int:
         """What it returns after Ctrl-C."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(timeout=30)
+        return self.process.wait(timeout=60)
 
 
 class Commands:

@@ -36,7 +36,7 @@ def test_an_engine_says_that_it_is_ready_alive_and_about_to_end(manager: socket.
         engine.send_signal(signal.SIGTERM)
         while texts[-1] == b"WATCHDOG=1":
             texts.append(manager.recv(100))
-        assert (engine.wait(30), texts[-1]) == (0, b"STOPPING=1")
+        assert (engine.wait(60), texts[-1]) == (0, b"STOPPING=1")
     assert texts[:4] == [b"READY=1", *[b"WATCHDOG=1"] * 3]
 
 
@@ -50,7 +50,7 @@ def test_without_a_watchdog_it_gives_no_signs_of_life(manager: socket.socket) ->
     with subprocess.Popen(words, env=os.environ | told, stderr=subprocess.PIPE) as engine:
         assert manager.recv(100) == b"READY=1"
         engine.send_signal(signal.SIGTERM)
-        assert (manager.recv(100), engine.wait(30)) == (b"STOPPING=1", 0)
+        assert (manager.recv(100), engine.wait(60)) == (b"STOPPING=1", 0)
 
 
 def test_a_unit_may_be_for_another_machine(capsys: pytest.CaptureFixture[str]) -> None:

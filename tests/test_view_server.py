@@ -69,7 +69,7 @@ def ask(
     server: Server, path: str, method: str = "GET", *, token: str | None = None, body: str = "", **headers: str
 ) -> tuple[int, Mapping[str, str], bytes]:
     """The answer to a request: status, headers, content."""
-    connection = HTTPConnection("127.0.0.1", server.port, timeout=10)
+    connection = HTTPConnection("127.0.0.1", server.port, timeout=60)
     prefix = f"/{server.token if token is None else token}" if token != "" else ""
     sent = {name.replace("_", "-"): value for name, value in headers.items()}
     connection.request(method, prefix + path, body.encode() or None, sent)
@@ -159,7 +159,7 @@ def handshake(server: Server) -> dict[str, str]:
 def upgrade(server: Server, **headers: str) -> bytes:
     """The first line of the answer to a WebSocket."""
     lines = handshake(server) | headers
-    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as stream:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as stream:
         text = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
         stream.sendall(f"GET /{server.token}/live HTTP/1.1\r\n{text}\r\n".encode())
         return stream.recv(4096).partition(b"\r\n")[0]
@@ -183,7 +183,7 @@ def test_a_websocket_of_another_origin_is_refused(server: Server) -> None:
 
 
 def test_a_page_without_news_gets_a_beat(server: Server) -> None:
-    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as stream:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as stream:
         lines = [
             f"GET /{server.token}/live HTTP/1.1",
             *(f"{name}: {value}" for name, value in handshake(server).items()),
@@ -259,7 +259,7 @@ def test_with_a_certificate_the_page_is_encrypted_and_answers_only_its_encrypted
         statuses = []
         for scheme in ("https", "http"):
             origin = {"Origin": f"{scheme}://127.0.0.1:{server.port}"}
-            connection = HTTPSConnection("127.0.0.1", server.port, timeout=10, context=context)
+            connection = HTTPSConnection("127.0.0.1", server.port, timeout=60, context=context)
             connection.request("POST", f"/{server.token}/control", json.dumps(COMPLETE), origin)
             statuses.append(connection.getresponse().status)
             connection.close()

@@ -186,7 +186,7 @@ def reaction(middleware: str, folder: Path, *, killed: bool = False) -> tuple[li
                 scheduler.run(scheduler.now + SECOND // 20)
             scheduler.run(scheduler.now + SECOND)
             recorder.send_signal(signal.SIGINT)
-            recorder.communicate(timeout=30)
+            recorder.communicate(timeout=60)
     finally:
         for process in engines.values():
             process.kill()

@@ -386,7 +386,7 @@ def through(scheduler: WallScheduler, router: str) -> ZenohMiddleware:
 
 
 def run_until(scheduler: WallScheduler, holds: Any) -> None:
-    deadline = scheduler.now + 20 * SECOND
+    deadline = scheduler.now + 60 * SECOND
     while not holds():
         assert scheduler.now < deadline
         scheduler.run(scheduler.now + SECOND // 100)

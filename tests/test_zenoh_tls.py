@@ -121,7 +121,7 @@ def depot(tmp_path: Path) -> Iterator[Depot]:
     made.close()
 
 
-def run_until(scheduler: WallScheduler, holds: Any, seconds: int = 30) -> None:
+def run_until(scheduler: WallScheduler, holds: Any, seconds: int = 60) -> None:
     deadline = scheduler.now + seconds * SECOND
     while not holds():
         assert scheduler.now < deadline
