@@ -791,6 +791,44 @@ def test_a_robot_that_held_when_a_newer_one_came_keeps_both_promises_across_a_cr
     assert (field.engine.deployed, field.engine.state, field.said[-1].candidate) == ("d2", "running", "")
 
 
+def test_a_robot_that_asked_the_others_takes_no_plain_start_after_a_crash(field: Durable) -> None:
+    field.deploy(MISSION)
+    told(field, "d2", 2, patrol(7), "load", team=["A", "B"])
+    field.pass_time(8)
+    ask = Envelope(deployment="d2", sequence=2, robot="A", phase="ask").to_json()
+    field.send("A", ask)
+    field.pass_time(0.1)
+    assert field.answers()[-1] == "asking"
+    field.crash()
+    field.start()
+    for _ in range(3):  # at once, while its mission and its promise are loaded, and after that
+        told(field, "d2", 2, "", "start")
+        field.send("A", ask)
+        field.pass_time(0.5)
+    assert {said.answer for said in field.said[-6:] if said.deployment == "d2"} <= {"asking", ""}
+    assert (field.engine.state, field.engine.deployed) == ("holding", "d1")
+    told(field, "d2", 2, "", "abort")
+    field.pass_time(1)
+    assert (field.engine.state, field.engine.deployed) == ("running", "d1")
+
+
+def test_a_robot_asks_the_others_when_that_is_on_the_disk(field: Durable) -> None:
+    field.deploy(MISSION)
+    told(field, "d2", 2, patrol(7), "load", team=["A", "B"])
+    field.pass_time(1)
+    field.disk.full = True
+    field.pass_time(20)
+    field.send("A", Envelope(deployment="d2", sequence=2, robot="A", phase="ask").to_json())
+    field.pass_time(0.1)
+    assert field.answers()[-1] == "ready"
+    assert any("asks nobody: that cannot be written" in note for note in field.notes)
+    field.disk.full = False
+    field.pass_time(20)
+    field.send("A", Envelope(deployment="d2", sequence=2, robot="A", phase="ask").to_json())
+    field.pass_time(0.1)
+    assert field.answers()[-1] == "asking"
+
+
 def test_a_promise_that_the_disk_refuses_is_answered_refused(field: Durable) -> None:
     field.deploy(MISSION)
     field.disk.full = True

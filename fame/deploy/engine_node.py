@@ -478,7 +478,7 @@ class EngineNode:
             case Promise() if self._is_active:
                 self._protocol.handle(Promised(self._keeper.promise(candidate) if self._keeper is not None else ""))
             case AwaitSender(seconds):
-                candidate.await_sender(seconds, partial(self._protocol.handle, Silence()))
+                candidate.await_sender(seconds, partial(self._on_silence, candidate, seconds))
             case AskOthers():
                 candidate.ask_others(self._protocol.handle)
             case MapState():
@@ -493,6 +493,15 @@ class EngineNode:
                 candidate.replace(old, partial(self._protocol.handle, Replaced()), stop=ends)
             case RunCandidate():
                 self._run(candidate)
+
+    def _on_silence(self, candidate: LoadedCandidate, seconds: float) -> None:
+        """Ask the others, once an engine that takes this one's place would know that: until then the robot waits."""
+        error = self._keeper.keep_asking(candidate.envelope.deployment) if self._keeper is not None else ""
+        if error:
+            self._note(error)
+            candidate.await_sender(seconds, partial(self._on_silence, candidate, seconds))
+        else:
+            self._protocol.handle(Silence())
 
     def _run(self, candidate: LoadedCandidate) -> None:
         """Start the candidate's process, or let it take over the state of what runs, when that is on the disk."""
@@ -674,6 +683,8 @@ class EngineNode:
         self._suspend_inactive(process)
 
     def _on_resumed(self) -> None:
+        if self._protocol.state.holds and self.running is not None:
+            self.running.hold(_DEPLOYMENT)
         if self._unsure and self.running is not None:  # others may run what it cannot read any more
             self.running.hold(_PROMISE)
         else:
@@ -683,9 +694,9 @@ class EngineNode:
 
     def _keep_promise(self) -> None:
         """Load what the engine before had promised to start: its sender, or the others of its team, decide."""
-        promises = self._protocol.state.promises
-        if promises and promises[-1].commit is None:
-            self._protocol.handle(Received(promises[-1].envelope))
+        state = self._protocol.state
+        if state.promises and not (state.waiting or state.loading or state.candidate):
+            self._protocol.handle(Received(state.promises[-1].envelope))
 
     def _read_promises(self) -> None:
         """Read what the engine before had promised to start and does not run: nothing else is taken before it."""
@@ -698,8 +709,12 @@ class EngineNode:
         if runs is not None:
             self._keeper.forget_promises(runs.order)
             envelopes = [envelope for envelope in envelopes if envelope.order > runs.order]
-        older = tuple(Kept(one, Ready(frozenset(one.team) - {self.robot}, asking=True)) for one in envelopes[:-1])
-        self._protocol.state = replace(self._protocol.state, promises=older + tuple(map(Kept, envelopes[-1:])))
+        asks = [one in envelopes[:-1] or self._keeper.asks(one.deployment) for one in envelopes]  # set aside: it asked
+        commits = [
+            Ready(frozenset(one.team) - {self.robot}, asking=True) if asked else None
+            for one, asked in zip(envelopes, asks, strict=True)
+        ]
+        self._protocol.state = replace(self._protocol.state, promises=tuple(map(Kept, envelopes, commits)))
 
     def _on_disk_trouble(self, reason: str) -> None:
         """Hold the mission while its state cannot be written; an empty `reason` means that it can again."""

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from fame.robot.options import RobotOptions
     from fame.robot.state_tables import Tables
 
-_ENVELOPE, _PROMISE = "deployment-", "promise"
+_ENVELOPE, _PROMISE, _ASKS = "deployment-", "promise", b" asking"
 _UNREADABLE = b"lost\n"
 """Stands for promises that could not be read, until something newer runs: a newer promise must not hide that."""
 
@@ -67,6 +67,9 @@ class StateKeeper:
         self.answers: dict[str, Any] = {}  # to requests of people: see `fame.deploy.requests.TaskServer`
         self._unread: SegmentContents | None = None  # the journal of which, until that goes on
         self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
+        self._asking = set[
+            str
+        ]()  # deployments of these: the others were asked, a plain ``start`` is not taken any more
         self._names: dict[str, str] = {}  # of the files of deployments, by their ids
         self._lost = ""  # why others that were there cannot be read
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
@@ -126,10 +129,11 @@ class StateKeeper:
             data = self._read_file(_PROMISE)
             lines = [] if data is None else data.split(b"\n")
             for key, text in zip_longest(lines[::2], lines[1::2]):
-                if text is None or key != sha256(text).hexdigest().encode():
+                if text is None or key.removesuffix(_ASKS) != _key(text):
                     self._lost = str(damaged)
                 else:
-                    self._kept.append(_verified(text, path, trusted))
+                    self._kept.append(envelope := _verified(text, path, trusted))
+                    self._asking |= {envelope.deployment} if key.endswith(_ASKS) else set()
         except ConfigError as error:
             self._lost = str(error)
         return list(self._kept), self._lost
@@ -191,6 +195,25 @@ class StateKeeper:
         self._kept = kept
         return ""
 
+    def asks(self, deployment: str) -> bool:
+        """Whether the robot is ready for a deployment and asks the others, as `keep_asking` has kept."""
+        return deployment in self._asking
+
+    def keep_asking(self, deployment: str) -> str:
+        """Keep that the robot asks the others: an engine that is ready again must not take what this one did not.
+
+        Returns why that is not possible, or nothing.
+        """
+        if self.asks(deployment):
+            return ""
+        self._asking.add(deployment)
+        try:
+            self._write_promises(self._kept)
+        except OSError as error:
+            self._asking.remove(deployment)
+            return f"asks nobody: that cannot be written to {self.directory.path}: {error.strerror}"
+        return ""
+
     def drop_promise(self, deployment: str) -> None:
         """Drop the promise of a deployment that was called off; of what runs, it stays until the journal is on disk."""
         if any(one.deployment == deployment for one in self._kept):
@@ -203,14 +226,16 @@ class StateKeeper:
 
     def _keep_only(self, envelopes: list[Envelope]) -> None:
         self._kept = envelopes
+        self._asking &= {one.deployment for one in envelopes}
         with suppress(OSError):  # an engine that reads it again asks the others of its team
             self._write_promises(envelopes)
 
     def _write_promises(self, envelopes: list[Envelope]) -> None:
         if envelopes or self._lost:
-            texts = map(_text, envelopes)
             lines = [_UNREADABLE] * bool(self._lost)
-            lines += [sha256(text).hexdigest().encode() + b"\n" + text for text in texts]
+            for envelope in envelopes:
+                text = _text(envelope)
+                lines += [_key(text) + _ASKS * self.asks(envelope.deployment), text]
             self.directory.write_file(_PROMISE, b"\n".join(lines))
         else:
             self.directory.remove_file(_PROMISE)
@@ -314,7 +339,7 @@ class StateKeeper:
             self.recorder.drop()
         self.stop()
         self.directory.last_seen = self._wall_time()
-        self._kept, self._lost = [], ""
+        self._kept, self._asking, self._lost = [], set(), ""
 
     def _touch(self) -> None:
         if self.recorder is not None:
@@ -329,6 +354,10 @@ class StateKeeper:
 
 def _text(envelope: Envelope) -> bytes:
     return envelope.to_json().encode()
+
+
+def _key(text: bytes) -> bytes:
+    return sha256(text).hexdigest().encode()
 
 
 def _verified(data: bytes, path: Path, trusted: Sequence[Any]) -> Envelope:
