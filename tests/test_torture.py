@@ -90,7 +90,7 @@ def test_what_runs_beside_the_robots_is_struck_while_it_runs() -> None:
 @pytest.mark.parametrize(
     ("name", "file"),
     [
-        ("a promise that is not read again", "seed_727"),
+        ("a promise that is not read again", "promise_read"),
         ("a start before its record", "seed_253789720"),
         ("a robot that stops listening", "seed_2723"),
         ("work twice after a migration", "work_twice"),
