@@ -196,7 +196,7 @@ class StateKeeper:
         return ""
 
     def asks(self, deployment: str) -> bool:
-        """Whether the robot is ready for a deployment and asks the others, as `keep_asking` has kept."""
+        """Return whether the robot is ready for a deployment and asks the others, as `keep_asking` has kept."""
         return deployment in self._asking
 
     def keep_asking(self, deployment: str) -> str:
