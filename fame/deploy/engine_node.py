@@ -495,7 +495,7 @@ class EngineNode:
                 self._run(candidate)
 
     def _on_silence(self, candidate: LoadedCandidate, seconds: float) -> None:
-        """Ask the others, once an engine that takes this one's place would know that: until then the robot waits."""
+        """Ask the others, once the next engine would know that; until then the robot waits."""
         error = self._keeper.keep_asking(candidate.envelope.deployment) if self._keeper is not None else ""
         if error:
             self._note(error)
@@ -683,7 +683,7 @@ class EngineNode:
         self._suspend_inactive(process)
 
     def _on_resumed(self) -> None:
-        if self._protocol.state.holds and self.running is not None:
+        if self.running is not None and self._protocol.state.holds:
             self.running.hold(_DEPLOYMENT)
         if self._unsure and self.running is not None:  # others may run what it cannot read any more
             self.running.hold(_PROMISE)
@@ -709,12 +709,12 @@ class EngineNode:
         if runs is not None:
             self._keeper.forget_promises(runs.order)
             envelopes = [envelope for envelope in envelopes if envelope.order > runs.order]
-        asks = [one in envelopes[:-1] or self._keeper.asks(one.deployment) for one in envelopes]  # set aside: it asked
-        commits = [
-            Ready(frozenset(one.team) - {self.robot}, asking=True) if asked else None
-            for one, asked in zip(envelopes, asks, strict=True)
-        ]
-        self._protocol.state = replace(self._protocol.state, promises=tuple(map(Kept, envelopes, commits)))
+        asking = {one.deployment for one in envelopes[:-1]} | self._keeper.asking  # what was set aside had asked
+        ready = [Ready(frozenset(one.team) - {self.robot}, asking=True) for one in envelopes]
+        promises = (
+            Kept(one, its if one.deployment in asking else None) for one, its in zip(envelopes, ready, strict=True)
+        )
+        self._protocol.state = replace(self._protocol.state, promises=tuple(promises))
 
     def _on_disk_trouble(self, reason: str) -> None:
         """Hold the mission while its state cannot be written; an empty `reason` means that it can again."""

@@ -67,9 +67,7 @@ class StateKeeper:
         self.answers: dict[str, Any] = {}  # to requests of people: see `fame.deploy.requests.TaskServer`
         self._unread: SegmentContents | None = None  # the journal of which, until that goes on
         self._kept: list[Envelope] = []  # whose promises are on the disk, oldest first
-        self._asking = set[
-            str
-        ]()  # deployments of these: the others were asked, a plain ``start`` is not taken any more
+        self.asking = set[str]()  # deployments of these about which it asks the others: it takes no plain ``start``
         self._names: dict[str, str] = {}  # of the files of deployments, by their ids
         self._lost = ""  # why others that were there cannot be read
         self._robot, self._scheduler, self._on_trouble, self._wall_time = robot, scheduler, on_trouble, wall_time
@@ -132,8 +130,8 @@ class StateKeeper:
                 if text is None or key.removesuffix(_ASKS) != _key(text):
                     self._lost = str(damaged)
                 else:
-                    self._kept.append(envelope := _verified(text, path, trusted))
-                    self._asking |= {envelope.deployment} if key.endswith(_ASKS) else set()
+                    self._kept.append(_verified(text, path, trusted))
+                    self.asking |= {self._kept[-1].deployment} if key.endswith(_ASKS) else set()
         except ConfigError as error:
             self._lost = str(error)
         return list(self._kept), self._lost
@@ -195,23 +193,15 @@ class StateKeeper:
         self._kept = kept
         return ""
 
-    def asks(self, deployment: str) -> bool:
-        """Return whether the robot is ready for a deployment and asks the others, as `keep_asking` has kept."""
-        return deployment in self._asking
-
     def keep_asking(self, deployment: str) -> str:
-        """Keep that the robot asks the others: an engine that is ready again must not take what this one did not.
-
-        Returns why that is not possible, or nothing.
-        """
-        if self.asks(deployment):
-            return ""
-        self._asking.add(deployment)
-        try:
-            self._write_promises(self._kept)
-        except OSError as error:
-            self._asking.remove(deployment)
-            return f"asks nobody: that cannot be written to {self.directory.path}: {error.strerror}"
+        """Keep that the robot asks the others, for the next engine. Returns why not, or nothing."""
+        if deployment not in self.asking:
+            self.asking.add(deployment)
+            try:
+                self._write_promises(self._kept)
+            except OSError as error:
+                self.asking.remove(deployment)
+                return f"asks nobody: that cannot be written to {self.directory.path}: {error.strerror}"
         return ""
 
     def drop_promise(self, deployment: str) -> None:
@@ -226,7 +216,7 @@ class StateKeeper:
 
     def _keep_only(self, envelopes: list[Envelope]) -> None:
         self._kept = envelopes
-        self._asking &= {one.deployment for one in envelopes}
+        self.asking &= {one.deployment for one in envelopes}
         with suppress(OSError):  # an engine that reads it again asks the others of its team
             self._write_promises(envelopes)
 
@@ -235,7 +225,7 @@ class StateKeeper:
             lines = [_UNREADABLE] * bool(self._lost)
             for envelope in envelopes:
                 text = _text(envelope)
-                lines += [_key(text) + _ASKS * self.asks(envelope.deployment), text]
+                lines += [_key(text) + _ASKS * (envelope.deployment in self.asking), text]
             self.directory.write_file(_PROMISE, b"\n".join(lines))
         else:
             self.directory.remove_file(_PROMISE)
@@ -339,7 +329,7 @@ class StateKeeper:
             self.recorder.drop()
         self.stop()
         self.directory.last_seen = self._wall_time()
-        self._kept, self._asking, self._lost = [], set(), ""
+        self._kept, self.asking, self._lost = [], set(), ""
 
     def _touch(self) -> None:
         if self.recorder is not None:

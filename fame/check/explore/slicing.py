@@ -201,13 +201,13 @@ def _may_mismatch(node: ast.AST) -> bool:
 
 
 def may_time_out(call: ast.Call) -> bool:
-    """Whether a call is one that waits for a time that it is given."""
+    """Return whether a call is one that waits for a time that it is given."""
     place = _TIMED.get(called_name(call))
     return place is not None and (len(call.args) > place or any(one.arg != "type" for one in call.keywords))
 
 
 def is_exception(node: ast.AST) -> bool:
-    """Whether a part of what an ``except`` names is surely of exceptions."""
+    """Return whether a part of what an ``except`` names is surely of exceptions."""
     kind = getattr(builtins, node.id, None) if isinstance(node, ast.Name) else Exception
     known = kind if isinstance(kind, type) else object
     return isinstance(node, ast.Name | ast.Tuple | ast.expr_context) and issubclass(known, BaseException)
