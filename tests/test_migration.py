@@ -199,6 +199,22 @@ def test_arrivals_at_a_join_go_over_and_a_join_with_other_flows_blocks() -> None
         Migrated(old, fork + user("c") + path("s g a j e") + path("g b j") + path("g c j"))
 
 
+@pytest.mark.parametrize("kind", ["parallel", "inclusive"])
+def test_a_plan_moves_no_token_past_the_others_at_a_join(kind: str) -> None:
+    content = start() + gateway(kind, "g") + user("a") + user("b") + gateway(kind, "j") + user("c") + end()
+    content += path("s g a j c e") + path("g b j")
+    old = Run(content).run()
+    with pytest.raises(MissionError, match="j joins flows, and no token comes by one so"):
+        Migrated(old, content, {"elements": {"a": {"to": "j"}}})
+    assert old.waiting == ["a", "b"]
+
+
+def test_a_boundary_event_has_no_token_to_abandon() -> None:
+    content = start() + user("a") + boundary("x", "a", timer("PT10S")) + end() + end("xe") + path("s a e") + path("x xe")
+    with pytest.raises(MissionError, match="x: a boundary event has no token to end: restart arms it anew"):
+        Migrated(Run(content).run(), content, {"elements": {"x": "abandon"}})
+
+
 def test_an_event_based_gateway_waits_for_the_events_that_it_has_now() -> None:
     choice = start() + gateway("eventBased", "g") + catch("x", signal("A")) + end("xe") + path("s g x xe")
     old = Run(choice).run()

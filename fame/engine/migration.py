@@ -25,7 +25,7 @@ from fame.engine.places import Misplaced, Places
 from fame.engine.program import LoopInstance, Node, Program
 from fame.engine.snapshot import OF_NO_PROGRAM, all_scopes
 from fame.engine.state import Scope, Wait
-from fame.engine.steps import ABANDONED
+from fame.engine.steps import ABANDONED, Branch
 from fame.errors import MissionError
 
 _NEVER_WAIT = ("start", "end", "throw", "boundary")
@@ -144,6 +144,9 @@ class _Migration:
             if scope["key"] not in self._gone:
                 self._decide_scope(scope)
         self._check_continuations()
+        for element in plan.abandon:
+            if self._old_kinds.get(element, "").startswith("boundary"):
+                self._block(element, "a boundary event has no token to end: restart arms it anew")
         renamed = self._renamed()
         for key, element in self._lost.items():
             if key not in self._gone:
@@ -250,7 +253,9 @@ class _Migration:
                     if not _is_wrapper(self._old.by_key[key]) or not self._has_tokens(item):
                         self._add(element, "keep", target, change, item=item)
                     return True
-                if entry is not None:
+                if entry is not None and isinstance(entry.spec, Branch) and entry.spec.ports:
+                    reason = f"{target} joins flows, and no token comes by one so: fame move it after the migration"
+                elif entry is not None:
                     self._leave(item, element, place, entry.key)
                     self._add(element, "restart", target, change, item=item)
                     return False
