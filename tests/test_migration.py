@@ -210,7 +210,8 @@ def test_a_plan_moves_no_token_past_the_others_at_a_join(kind: str) -> None:
 
 
 def test_a_boundary_event_has_no_token_to_abandon() -> None:
-    content = start() + user("a") + boundary("x", "a", timer("PT10S")) + end() + end("xe") + path("s a e") + path("x xe")
+    content = start() + user("a") + boundary("x", "a", timer("PT10S")) + end() + end("xe")
+    content += path("s a e") + path("x xe")
     with pytest.raises(MissionError, match="x: a boundary event has no token to end: restart arms it anew"):
         Migrated(Run(content).run(), content, {"elements": {"x": "abandon"}})
 
