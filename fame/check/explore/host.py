@@ -306,6 +306,8 @@ class ExplorationHost:
             if changed or not is_computable(expression, self.fields, "eval"):
                 return self._uncomputed(element, step)
             return self._python(self._reading(run, effects.reads), effects.reads, element)
+        if _is_feel(expression) and not effects_of(replace(expression, language="feel")).steady:  # now() and such
+            return self._uncomputed(element, step)
         run = compile_expression(expression, file=file, element=element)
         if expression.language == "payload":
             return self._checked(run, expression, element, open_to=inserted_whole(expression.text))
@@ -485,6 +487,8 @@ class ExplorationHost:
         """An expression that is unknown if it uses an unknown value, except of variables that it only inserts."""
         number, closed = self.values.number, effects_of(expression).reads - open_to
         text = expression.language == "template"
+        if _is_feel(expression):  # in a filter, a name is that of a field or of a variable
+            closed |= {*re.findall(r"[^\W\d]\w*", expression.text)}
         segment = r"\.[^\W\d]\w*+(?!\s*\()"  # no method: it may use all that is there
         paths = {name: re.findall(rf"\b{re.escape(name)}((?:{segment})*)", expression.text) for name in closed}
 
@@ -845,6 +849,12 @@ def step_of(script: Expression) -> AbstractStep:
     codes = tuple(sorted(effects.codes or ()))
     return AbstractStep(
         tuple(sorted(effects.writes)), changes, codes=codes, emits=effects.publications, open=effects.open
+    )
+
+
+def _is_feel(expression: Expression) -> bool:
+    return expression.language == "feel" or (
+        expression.language in ("value", "payload") and expression.text.lstrip().startswith("=")
     )
 
 
