@@ -209,13 +209,6 @@ def test_a_plan_moves_no_token_past_the_others_at_a_join(kind: str) -> None:
     assert old.waiting == ["a", "b"]
 
 
-def test_a_boundary_event_has_no_token_to_abandon() -> None:
-    content = start() + user("a") + boundary("x", "a", timer("PT10S")) + end() + end("xe")
-    content += path("s a e") + path("x xe")
-    with pytest.raises(MissionError, match="x: a boundary event has no token to end: restart arms it anew"):
-        Migrated(Run(content).run(), content, {"elements": {"x": "abandon"}})
-
-
 def test_an_event_based_gateway_waits_for_the_events_that_it_has_now() -> None:
     choice = start() + gateway("eventBased", "g") + catch("x", signal("A")) + end("xe") + path("s g x xe")
     old = Run(choice).run()

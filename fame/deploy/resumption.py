@@ -223,8 +223,7 @@ class StateKeeper:
     def _write_promises(self, envelopes: list[Envelope]) -> None:
         if envelopes or self._lost:
             lines = [_UNREADABLE] * bool(self._lost)
-            for envelope in envelopes:
-                text = _text(envelope)
+            for text, envelope in zip(map(_text, envelopes), envelopes, strict=True):
                 lines += [_key(text) + _ASKS * (envelope.deployment in self.asking), text]
             self.directory.write_file(_PROMISE, b"\n".join(lines))
         else:

@@ -144,9 +144,6 @@ class _Migration:
             if scope["key"] not in self._gone:
                 self._decide_scope(scope)
         self._check_continuations()
-        for element in plan.abandon:
-            if self._old_kinds.get(element, "").startswith("boundary"):
-                self._block(element, "a boundary event has no token to end: restart arms it anew")
         renamed = self._renamed()
         for key, element in self._lost.items():
             if key not in self._gone:
