@@ -52,7 +52,7 @@ def explored(
 @pytest.mark.parametrize("asked", ["=count(a[item > x]) = 3", "=a[x] = null", '=now() > @"1970-01-01T00:00:00.5Z"'])
 def test_what_feel_filters_by_something_unknown_is_unknown_and_so_is_the_time(asked: str) -> None:
     read = ("if", "x > 3", ["work"], ["work"])
-    assert stuck([UNKNOWN, "run a = [1, 2, 3]", read, ("if", asked, ["work"], ["throw go"])])
+    assert stuck([UNKNOWN, "run a = [1, 2, 3]", ("if", asked, [read], ["throw go", read])])
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,7 @@ Invariants, checked for every reachable state in ``tests/test_robot_protocol.py`
 - A promise whose robot holds, since nobody knows what became of it, is set aside for a newer deployment. If that starts
   here, the older one is ``stale``; if not, the robot holds for the older one again. It never takes a plain ``start``.
 - Of the envelopes that wait only the newest is loaded; the others are answered ``superseded``.
-- A promise that the disk refuses is not made: the answer is ``refused``.
-- A robot asks the others when that is on the disk: whoever takes its place takes no plain ``start``, either.
+- A promise that the disk refuses is not made (the answer is ``refused``); nor does such a robot ask the others.
 - Only what is on the disk is answered ``started``: an engine that is killed before is ready again, and nobody was told
   otherwise. What is starting is not replaced meanwhile.
 - What began before this engine was born, and was never received by it, is ``unknown``, never ``aborted``.
