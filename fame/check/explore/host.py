@@ -424,7 +424,7 @@ class ExplorationHost:
     def _items(
         self, made: Callable[..., Any], element: str, variables: dict[str, Any], *, number: bool, doubt: str
     ) -> Any:  # fmt: skip
-        """A collection, or a number of items; of one that is not known a few are tried, and that it is none."""
+        """A collection, or a number of items. If it is unknown, a few are tried, and that it is neither and fails."""
         value, self.place = made(variables), element
         if not is_unknown(value) and not (isinstance(value, str) and MARK in value):
             return value
